@@ -1,0 +1,28 @@
+from snakemake.utils import min_version
+
+min_version("9.14")
+
+
+configfile: "config.yaml"
+
+
+include: "workflow/rules/common.smk"
+include: "workflow/rules/ingest.smk"
+include: "workflow/rules/radiance.smk"
+include: "workflow/rules/fit.smk"
+include: "workflow/rules/scene.smk"
+include: "workflow/rules/report.smk"
+
+
+# without a rig, what was captured is plain input: nothing can overwrite it
+if config["rig"]["device"] != "none":
+
+    include: "workflow/rules/capture.smk"
+
+
+rule all:
+    input:
+        "results/report.html",
+        expand("results/{fabric}/material.exr", fabric=fabrics),
+        expand("results/{fabric}/evaluation.json", fabric=fabrics),
+        expand("results/{fabric}/report.html", fabric=fabrics),

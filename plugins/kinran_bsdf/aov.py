@@ -1,0 +1,42 @@
+"""The integrator `kinran_measured`: how far each pixel of a picture is from what was measured.
+
+The fabric was seen from V = N alone. What a camera sees at an angle θ_v to the fabric's normal is extrapolated
+over that angle, except where the light comes along N (by reciprocity, which `takeda2008` does not have).
+"""
+
+from typing import Any
+
+import drjit as dr
+import mitsuba
+
+mi: Any = mitsuba  # its types are those of the variant, at run time
+
+ATTRIBUTES = ("measured_distance", "label", "bound")
+
+
+def register() -> None:
+    """Register the type `kinran_measured` with the current variant."""
+    mi.register_integrator("kinran_measured", _make_class())
+
+
+def _make_class() -> Any:
+    class Measured(mi.SamplingIntegrator):
+        """Channels after RGB: measured_distance (θ_v in radians), label, bound; −1 where no `kinran` is seen."""
+
+        def sample(
+            self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True
+        ) -> tuple[Any, Any, list[Any]]:
+            si = scene.ray_intersect(ray, active)
+            hit = active & si.is_valid()
+            bsdf = si.bsdf(ray)
+            values = []
+            for name in ATTRIBUTES:
+                known = hit & bsdf.has_attribute(name, hit)
+                values.append(dr.select(known, bsdf.eval_attribute_1(name, si, known), -1))
+            distance = dr.maximum(values[0], 0)
+            return mi.Color3f(distance), hit, values
+
+        def aov_names(self) -> list[str]:
+            return list(ATTRIBUTES)
+
+    return Measured

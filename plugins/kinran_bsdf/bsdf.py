@@ -1,0 +1,281 @@
+"""The BSDF `kinran`, for whichever Mitsuba variant is current."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import drjit as dr
+import mitsuba
+import numpy as np
+
+from kinran_bsdf import models, sampling
+from kinran_bsdf.maps import PackedMaps, Term, TextureMaps
+from kinran_bsdf.material import MODELS, TAILS, read_material
+
+mi: Any = mitsuba  # its types are those of the variant, at run time
+
+DEFENSIVE = 0.1  # share of samples that terms get evenly, whatever their energy
+
+
+def register() -> None:
+    """Register the type `kinran` with the current variant."""
+    mi.register_bsdf("kinran", _make_class())
+
+
+def _make_class() -> Any:
+    """The class must be defined anew for each variant: its base is another type in each."""
+
+    class Kinran(mi.BSDF):
+        """Measured fabric; see docs/plugin.md for the parameters."""
+
+        def __init__(self, props: Any) -> None:
+            mi.BSDF.__init__(self, props)
+            self.pixel_angle = float(props.get("pixel_angle", 0.0))
+            self.maps, self.floor = _maps(props, self.pixel_angle > 0)
+            self.model, self.tail, self.lobes = self.maps.model, self.maps.tail, self.maps.lobes
+            transform = props.get("to_uv", mi.ScalarTransform4f())
+            self.to_uv = np.array(transform.matrix, np.float64)[:2, [0, 1, 3]]
+            self.back: Any = props.get_texture("back") if "back" in props else None
+            self._set_flags()
+
+        def _set_flags(self) -> None:
+            varying = mi.BSDFFlags.SpatiallyVarying
+            front, back = mi.BSDFFlags.FrontSide, mi.BSDFFlags.BackSide
+            lobe = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.Anisotropic | front | varying
+            diffuse = mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.Anisotropic | front | varying
+            components = [lobe] * self.lobes + [diffuse]
+            if self.back is not None:
+                components.append(mi.BSDFFlags.DiffuseReflection | back | varying)
+            self.m_components = components
+            self.m_flags = components[0]
+            for flags in components[1:]:
+                self.m_flags = self.m_flags | flags
+
+        # ---------------------------------------------------------------------------------- at a point
+
+        def _uv(self, si: Any) -> Any:
+            m = self.to_uv
+            if np.array_equal(m, np.eye(2, 3)):
+                return si.uv
+            u, v = si.uv.x, si.uv.y
+            return mi.Point2f(*[float(r[0]) * u + float(r[1]) * v + float(r[2]) for r in m])
+
+        def _terms(self, si: Any, active: Any) -> list[Term]:
+            return self.maps.fetch(si, self._uv(si), self._level(si) if self.pixel_angle else None, active)
+
+        def _level(self, si: Any) -> Any:
+            """Level of the pyramid whose texels are as large as a pixel's footprint.
+
+            Integrators hand no ray differentials to BSDFs. The distance from the previous vertex times the
+            angle of a pixel is the footprint of a camera ray, and less than that of a bounce.
+            """
+            texels = self.maps.size[0] * self.maps.size[1] * abs(float(np.linalg.det(self.to_uv[:, :2])))
+            texel = dr.norm(si.dp_du) * dr.norm(si.dp_dv) / texels
+            footprint = dr.square(si.t * self.pixel_angle) / dr.maximum(si.wi.z, 0.1)
+            return 0.5 * dr.log2(dr.maximum(footprint, 1e-20) / dr.maximum(texel, 1e-20))
+
+        def _axes(self, si: Any) -> tuple[Any, Any, Any]:
+            """Cosine and sine of the weft in the shading frame, and the sign that makes the warp +v."""
+            m = self.to_uv[:, :2]
+            sign = dr.select(dr.dot(si.sh_frame.t, si.dp_dv) < 0, mi.Float(-1), mi.Float(1))
+            if m[0, 1] == 0 and m[1, 0] == 0 and m[0, 0] > 0:
+                return None, None, sign * float(np.sign(m[1, 1]))
+            weft = np.linalg.inv(m)[:, 0]
+            along = si.dp_du * float(weft[0]) + si.dp_dv * float(weft[1])
+            x, y = dr.dot(si.sh_frame.s, along), dr.dot(si.sh_frame.t, along)
+            length = dr.maximum(dr.sqrt(x * x + y * y), 1e-20)
+            return x / length, y / length, sign * float(np.sign(np.linalg.det(m)))
+
+        @staticmethod
+        def _to_fabric(axes: Any, w: Any) -> Any:
+            """Direction in the shading frame to the frame of the fabric: X weft, Y warp."""
+            c, s, sign = axes
+            if c is None:
+                return mi.Vector3f(w.x, sign * w.y, w.z)
+            return mi.Vector3f(c * w.x + s * w.y, sign * (c * w.y - s * w.x), w.z)
+
+        @staticmethod
+        def _from_fabric(axes: Any, w: Any) -> Any:
+            c, s, sign = axes
+            y = sign * w.y
+            if c is None:
+                return mi.Vector3f(w.x, y, w.z)
+            return mi.Vector3f(c * w.x - s * y, s * w.x + c * y, w.z)
+
+        def _enabled(self, ctx: Any) -> tuple[list[bool], bool]:
+            """Which of the terms (diffuse, lobes) and whether the back side are asked for."""
+            glossy, diffuse = mi.BSDFFlags.GlossyReflection, mi.BSDFFlags.DiffuseReflection
+            lobes = [ctx.is_enabled(glossy, k) for k in range(self.lobes)]
+            back = self.back is not None and ctx.is_enabled(diffuse, self.lobes + 1)
+            return [ctx.is_enabled(diffuse, self.lobes), *lobes], back
+
+        def _probabilities(self, terms: list[Term], enabled: list[bool]) -> list[Any]:
+            """Probability of sampling each term: its share of the albedo at V = N, plus a defensive share."""
+            weights = []
+            for k, term in enumerate(terms):
+                if not enabled[k]:
+                    weights.append(mi.Float(0))
+                    continue
+                unit = sampling.energy(self.model, term.shape) if k else dr.pi
+                weights.append(dr.detach(dr.maximum(term.strength, 0) * unit))
+            total = sum(weights)
+            share = DEFENSIVE / sum(enabled) * total if any(enabled) else 0
+            weights = [dr.select(w > 0, w + share, 0) for w in weights]
+            norm = 1 / dr.maximum(sum(weights), 1e-20)
+            return [w * norm for w in weights]
+
+        def _value(self, terms: list[Term], enabled: list[bool], v: Any, l: Any) -> Any:  # noqa: E741
+            value = mi.UnpolarizedSpectrum(0)
+            if enabled[0]:
+                x, y = terms[0].shape
+                value += terms[0].colour * models.diffuse_lift(v, l, x, y, self.floor, xp=dr)
+            for k, term in enumerate(terms[1:], 1):
+                if enabled[k]:
+                    value += term.colour * models.lobe(
+                        self.model, self.tail, v, l, term.shape, self.floor, xp=dr
+                    )
+            return value
+
+        def _density(self, terms: list[Term], p: list[Any], v: Any, l: Any) -> Any:  # noqa: E741
+            density = p[0] * l.z * dr.inv_pi
+            for probability, term in zip(p[1:], terms[1:], strict=True):
+                density += probability * sampling.density(self.model, self.tail, term.shape, v, l)
+            return density
+
+        # ---------------------------------------------------------------------------------- interface
+
+        def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
+            bs = dr.zeros(mi.BSDFSample3f)
+            enabled, back = self._enabled(ctx)
+            front = active & (si.wi.z > 0)
+            if _none(front) and not (back and not _none(active & (si.wi.z < 0))):
+                return bs, mi.Spectrum(0)
+            terms = self._terms(si, front)
+            p = self._probabilities(terms, enabled)
+            axes = self._axes(si)
+            v = self._to_fabric(axes, si.wi)
+            light = mi.warp.square_to_cosine_hemisphere(sample2)
+            component = mi.UInt32(self.lobes)
+            if self.lobes:
+                first = sample1 < p[1]
+                shape = terms[1].shape
+                if self.lobes == 2:
+                    shape = [dr.select(first, a, b) for a, b in zip(shape, terms[2].shape, strict=True)]
+                pick = sample1 < sum(p[1:])
+                h = sampling.sample_half_vector(self.model, self.tail, shape, sample2)
+                light = dr.select(pick, mi.reflect(v, mi.Normal3f(h)), light)
+                component = dr.select(
+                    pick, dr.select(first, mi.UInt32(0), mi.UInt32(self.lobes - 1)), component
+                )
+            light = dr.detach(light)
+            good = front & (light.z > 0)
+            density = dr.detach(self._density(terms, p, v, light))
+            good &= density > 0
+            value = dr.select(good, self._value(terms, enabled, v, light) / dr.maximum(density, 1e-20), 0)
+            bs.wo = self._from_fabric(axes, light)
+            bs.pdf = dr.select(good, density, 0)
+            if back:
+                behind = active & (si.wi.z < 0)
+                wo = mi.warp.square_to_cosine_hemisphere(sample2)
+                bs.wo = dr.select(behind, mi.Vector3f(wo.x, wo.y, -wo.z), bs.wo)
+                bs.pdf = dr.select(behind, wo.z * dr.inv_pi, bs.pdf)
+                value = dr.select(behind, mi.unpolarized_spectrum(self.back.eval(si, behind)), value)
+                component = dr.select(behind, mi.UInt32(self.lobes + 1), component)
+            bs.eta = 1.0
+            bs.sampled_component = component
+            bs.sampled_type = dr.select(
+                component < self.lobes,
+                mi.UInt32(+mi.BSDFFlags.GlossyReflection),
+                mi.UInt32(+mi.BSDFFlags.DiffuseReflection),
+            )
+            return bs, mi.depolarizer(value)
+
+        def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+            return self._eval_pdf(ctx, si, wo, active, pdf=False)[0]
+
+        def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+            return self._eval_pdf(ctx, si, wo, active, value=False)[1]
+
+        def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+            return self._eval_pdf(ctx, si, wo, active)
+
+        def _eval_pdf(
+            self, ctx: Any, si: Any, wo: Any, active: Any, value: bool = True, pdf: bool = True
+        ) -> tuple[Any, Any]:
+            enabled, back = self._enabled(ctx)
+            result, density = mi.UnpolarizedSpectrum(0), mi.Float(0)
+            front = active & (si.wi.z > 0) & (wo.z > 0)
+            if not _none(front) and any(enabled):
+                terms = self._terms(si, front)
+                axes = self._axes(si)
+                v, l = self._to_fabric(axes, si.wi), self._to_fabric(axes, wo)  # noqa: E741
+                if value:
+                    result = dr.select(front, self._value(terms, enabled, v, l), 0)
+                if pdf:
+                    p = self._probabilities(terms, enabled)
+                    density = dr.select(front, self._density(terms, p, v, l), 0)
+            if back:
+                behind = active & (si.wi.z < 0) & (wo.z < 0)
+                cosine = dr.select(behind, -wo.z * dr.inv_pi, 0)
+                if value:
+                    result += mi.unpolarized_spectrum(self.back.eval(si, behind)) * cosine
+                density += cosine
+            return mi.depolarizer(result), dr.detach(density)
+
+        def eval_diffuse_reflectance(self, si: Any, active: Any = True) -> Any:
+            term = self._terms(si, active)[0]
+            return mi.depolarizer(term.colour * models.diffuse_albedo(*term.shape, xp=dr))
+
+        def has_attribute(self, name: str, active: Any = True) -> Any:
+            return active & (name == "measured_distance" or name in self.maps.attributes)
+
+        def eval_attribute_1(self, name: str, si: Any, active: Any = True) -> Any:
+            if name == "measured_distance":
+                return dr.select(active, dr.safe_acos(dr.abs(si.wi.z)), 0)
+            return self.maps.attribute(name, self._uv(si), active)
+
+        def traverse(self, callback: Any) -> None:
+            self.maps.traverse(callback)
+            if self.back is not None:
+                callback.put("back", self.back, mi.ParamFlags.Differentiable)
+
+        def parameters_changed(self, keys: Sequence[str] = ()) -> None:
+            self.maps.changed()
+
+        def to_string(self) -> str:
+            return f"Kinran[model={self.model}, tail={self.tail}, lobes={self.lobes}]"
+
+    return Kinran
+
+
+def _none(mask: Any) -> bool:
+    """Whether a scalar variant has nothing to do here; JIT variants never know."""
+    return isinstance(mask, bool) and not mask
+
+
+def _maps(props: Any, pyramid: bool) -> tuple[Any, float]:
+    """Parameters of a BSDF and the cosine from which it fades to the horizon."""
+    if "filename" not in props:
+        if pyramid:
+            raise ValueError("kinran: pixel_angle needs a material file; textures have no pyramid")
+        model = _choice(props, "model", "slope", MODELS)
+        tail = _choice(props, "tail", "gaussian", TAILS)
+        lobes = 0 if model == "lambert" else 2 if model == "slope" and "lobe2" in props else 1
+        return TextureMaps(props, model, tail, lobes), models.GRAZING
+    material = read_material(str(mi.file_resolver().resolve(props["filename"])))
+    angular = material.model == "takeda2008"
+    mode = _choice(props, "filter", "nearest" if angular else "bilinear", ("nearest", "bilinear"))
+    if angular and mode != "nearest":
+        raise ValueError(
+            "kinran: filter 'bilinear' would average angles of takeda2008; use 'nearest' or fit slope"
+        )
+    if angular and pyramid:
+        raise ValueError("kinran: pixel_angle would average angles of takeda2008; leave it out or fit slope")
+    wrap = _choice(props, "wrap_mode", "repeat", ("repeat", "clamp"))
+    return PackedMaps(material, mode, wrap, pyramid), models.grazing(material.theta_max)
+
+
+def _choice(props: Any, name: str, default: str, choices: tuple[str, ...]) -> str:
+    value = str(props.get(name, default))
+    if value not in choices:
+        raise ValueError(f"kinran: {name} '{value}' is not one of {', '.join(choices)}")
+    return value

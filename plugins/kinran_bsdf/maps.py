@@ -1,0 +1,142 @@
+"""Where a texel's parameters come from: the packed maps of a material file, or Mitsuba textures."""
+
+from typing import Any, NamedTuple
+
+import drjit as dr
+import mitsuba
+import numpy as np
+from numpy.typing import NDArray
+
+from kinran_bsdf import colours
+from kinran_bsdf.material import NEUTRAL, SHAPES, WIDTH_FLOOR, Material
+from kinran_bsdf.pyramid import Pyramid
+
+mi: Any = mitsuba  # its types are those of the variant, at run time
+
+Map = NDArray[np.float32]
+
+
+class Term(NamedTuple):
+    """One term of the model at a point: colour · amplitude, its mean over bands, and its shape."""
+
+    colour: Any
+    strength: Any
+    shape: list[Any]
+
+
+class PackedMaps:
+    """All parameters of a material in one texture, so that a look-up is a single fetch.
+
+    The channels are, for the diffuse term and then for each lobe, colour · amplitude · bound in the bands of
+    the variant (3, or 1 in mono), then the shape.
+    """
+
+    def __init__(self, material: Material, filter_mode: str, wrap_mode: str, pyramid: bool) -> None:
+        self.size, self.wrap_mode = material.size, wrap_mode
+        self.model, self.tail, self.lobes = material.model, material.tail, material.lobes
+        self.tensor = mi.TensorXf(pack(material))
+        self.primaries = colours.Primaries()
+        wrap = dr.WrapMode.Repeat if wrap_mode == "repeat" else dr.WrapMode.Clamp
+        mode = dr.FilterMode.Nearest if filter_mode == "nearest" else dr.FilterMode.Linear
+        self.texture = mi.Texture2f(
+            self.tensor, use_accel=False, migrate=False, filter_mode=mode, wrap_mode=wrap
+        )
+        self.pyramid = Pyramid(np.array(self.tensor), colours.bands(), wrap_mode) if pyramid else None
+        extra = np.stack([material.channels["bound"], material.channels["label"]], -1)
+        self.extra = mi.Texture2f(
+            mi.TensorXf(extra),
+            use_accel=False,
+            migrate=False,
+            filter_mode=dr.FilterMode.Nearest,
+            wrap_mode=wrap,
+        )
+
+    def fetch(self, si: Any, uv: Any, level: Any, active: Any) -> list[Term]:
+        """Terms at `uv`: the diffuse one, then the lobes."""
+        if self.pyramid is None:
+            values = list(self.texture.eval(uv, active))
+        else:
+            coarse = level >= 0.5
+            fine = self.texture.eval(uv, active & ~coarse)
+            far = self.pyramid.fetch(uv, level, active & coarse)
+            values = [dr.select(coarse, a, b) for a, b in zip(far, fine, strict=True)]
+        primaries = self.primaries.at(si.wavelengths, active)
+        bands, terms, start = colours.bands(), [], 0
+        for shape in [("x", "y")] + [SHAPES[self.model]] * self.lobes:
+            colour = values[start : start + bands]
+            start += bands
+            spectrum = colours.Primaries.spectrum(colour, primaries)
+            terms.append(Term(spectrum, sum(colour) / bands, values[start : start + len(shape)]))
+            start += len(shape)
+        return terms
+
+    def traverse(self, callback: Any) -> None:
+        """Give the maps as the parameter `maps`."""
+        callback.put("maps", self.tensor, mi.ParamFlags.Differentiable)
+
+    def changed(self) -> None:
+        """Take over maps that were changed through `mi.traverse`; a pyramid carries no gradients."""
+        self.texture.set_tensor(self.tensor)
+        if self.pyramid is not None:
+            self.pyramid = Pyramid(np.array(dr.detach(self.tensor)), colours.bands(), self.wrap_mode)
+
+
+def pack(material: Material) -> Map:
+    """Channels of `PackedMaps` (H, W, n), made by bands of rows to spare memory."""
+    height, width = material.size
+    count = colours.bands() + 2 + material.lobes * (colours.bands() + len(SHAPES[material.model]))
+    packed = np.empty((height, width, count), np.float32)
+    band = max(1, (1 << 20) // width)
+    for top in range(0, height, band):
+        rows = slice(top, top + band)
+        bound = material.channels["bound"][rows, :, None]
+        parts = [
+            part for colour, shape in material.terms(rows) for part in (colours.pack(colour * bound), shape)
+        ]
+        np.concatenate(parts, -1, out=packed[rows])
+    return packed
+
+
+class TextureMaps:
+    """Parameters as constants or Mitsuba textures, named as the file's channels with `_` for the dot."""
+
+    def __init__(self, props: Any, model: str, tail: str, lobes: int) -> None:
+        self.model, self.tail, self.lobes = model, tail, lobes
+        self.textures: dict[str, Any] = {}
+        for name, shape in self._names():
+            self.textures[name] = props.get_texture(name, 0.5)
+            amplitude = 1 / np.pi if name == "diffuse" else 1.0
+            self.textures[f"{name}_amplitude"] = props.get_unbounded_texture(f"{name}_amplitude", amplitude)
+            for s in shape:
+                self.textures[f"{name}_{s}"] = props.get_unbounded_texture(f"{name}_{s}", NEUTRAL[s])
+
+    def _names(self) -> list[tuple[str, tuple[str, ...]]]:
+        return [("diffuse", ("x", "y"))] + [(f"lobe{k + 1}", SHAPES[self.model]) for k in range(self.lobes)]
+
+    def fetch(self, si: Any, uv: Any, level: Any, active: Any) -> list[Term]:
+        """Terms at `si`: the diffuse one, then the lobes. The textures look after `uv` and `level`."""
+        terms = []
+        for name, shape in self._names():
+            amplitude = dr.maximum(self.textures[f"{name}_amplitude"].eval_1(si, active), 0)
+            colour = mi.unpolarized_spectrum(self.textures[name].eval(si, active)) * amplitude
+            values = [self.textures[f"{name}_{s}"].eval_1(si, active) for s in shape]
+            terms.append(Term(colour, dr.mean(colour), self._floored(shape, values)))
+        return terms
+
+    @staticmethod
+    def _floored(shape: tuple[str, ...], values: list[Any]) -> list[Any]:
+        if "dt" in shape:
+            return values[:2] + [dr.maximum(v, WIDTH_FLOOR) for v in values[2:]]
+        if "xx" in shape:
+            xx, yy = (dr.maximum(values[i], WIDTH_FLOOR**2) for i in (2, 4))
+            most = 0.999 * dr.sqrt(xx * yy)
+            return [*values[:2], xx, dr.clip(values[3], -most, most), yy]
+        return values
+
+    def traverse(self, callback: Any) -> None:
+        """Give each texture under its name."""
+        for name, texture in self.textures.items():
+            callback.put(name, texture, mi.ParamFlags.Differentiable)
+
+    def changed(self) -> None:
+        """Nothing is kept beside the textures."""

@@ -1,0 +1,308 @@
+"""The material file: maps of a fitted fabric in one multichannel EXR, read and written with Mitsuba alone."""
+
+import json
+import os
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import mitsuba
+import numpy as np
+from numpy.typing import NDArray
+
+mi: Any = mitsuba  # its types are those of the variant, at run time
+
+Map = NDArray[np.float32]
+
+VERSION = "1"
+MODELS = ("takeda2008", "slope", "lambert")
+TAILS = ("gaussian", "ggx")
+SHAPES = {"takeda2008": ("theta", "phi", "dt", "dp"), "slope": ("x", "y", "xx", "xy", "yy"), "lambert": ()}
+COLOUR = "lin_ap1_scene"
+FRAME = "X=+u=weft, Y=+v=warp, Z=view; row 0 is v=0"
+NEUTRAL = {
+    "x": 0.0,
+    "y": 0.0,
+    "xx": 0.04,
+    "xy": 0.0,
+    "yy": 0.04,
+    "theta": 0.0,
+    "phi": 0.0,
+    "dt": 0.2,
+    "dp": 0.5,
+}
+WIDTH_FLOOR = 1e-3  # radians, of dt and dp; its square is the floor of a variance
+
+
+@dataclass(frozen=True)
+class Material:
+    """Maps of a fabric.
+
+    Attributes
+    ----------
+    channels
+        Maps (H, W) by channel name; row 0 is v = 0, the bottom of the fabric.
+    model
+        ``takeda2008``, ``slope`` or ``lambert``.
+    tail
+        Tail of slope lobes: ``gaussian`` or ``ggx``.
+    lobes
+        Number of lobes: 0, 1 or 2.
+    regions
+        One ``{"label": int, "name": str, "model": str}`` for each region of the channel `label`.
+    colour
+        Colour space of the maps: ``lin_ap1_scene``, linear ACEScg, unclipped.
+    from_stack
+        (3, 3) matrix from the RGB of the radiance stack to `colour`.
+    texel_mm
+        Size of a texel on the fabric in mm, or None where not known.
+    source
+        SHA-256 of what was fitted, in hexadecimal.
+    theta_max
+        Largest θ_l of the fitted lights, in radians.
+    encoding, crop
+        How the fitted photographs encode light (``srgb``, ``linear``, ``gamma:2.2``; empty for radiance) and
+        which part X,Y,W,H of them was used (empty for all): what it takes to compare with them again.
+    """
+
+    channels: dict[str, Map]
+    model: str
+    tail: str
+    lobes: int
+    regions: list[dict[str, Any]]
+    colour: str
+    from_stack: NDArray[np.float64]
+    texel_mm: float | None
+    source: str
+    theta_max: float
+    encoding: str = ""
+    crop: str = ""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width in texels."""
+        height, width = self.channels["label"].shape
+        return height, width
+
+    def terms(self, rows: slice = slice(None)) -> list[tuple[Map, Map]]:
+        """Colour · amplitude (h, W, 3) and shape (h, W, n) of the diffuse term, then of each lobe.
+
+        Widths are floored. A texel without a lobe has an arbitrary shape in the file; it gets the mean shape
+        of the others, so that nothing divides by zero and nothing odd bleeds in where shapes are filtered.
+        """
+        terms = []
+        for k, (name, shape) in enumerate(self._names()):
+            amplitude = self.channels[f"{name}.amplitude"][rows, :, None]
+            colour = np.stack([self.channels[f"{name}.{c}"][rows] for c in "RGB"], -1) * amplitude
+            values = np.stack([self.channels[f"{name}.{s}"][rows] for s in shape], -1)
+            if k:
+                values[amplitude[..., 0] <= 0] = self._fill[k - 1]
+                _floor(self.model, values)
+            terms.append((colour, values))
+        return terms
+
+    def _names(self) -> list[tuple[str, tuple[str, ...]]]:
+        lobes = [(f"lobe{k}", SHAPES[self.model]) for k in range(1, self.lobes + 1)]
+        return [("diffuse", ("x", "y")), *lobes]
+
+    @cached_property
+    def _fill(self) -> list[list[float]]:
+        """Mean shape of each lobe, weighted by its amplitude."""
+        means = []
+        for name, shape in self._names()[1:]:
+            weight = np.asarray(self.channels[f"{name}.amplitude"], np.float64)
+            total = weight.sum()
+            values = [self.channels[f"{name}.{s}"] for s in shape]
+            means.append(
+                [
+                    float((weight * v).sum() / total) if total > 0 else NEUTRAL[s]
+                    for v, s in zip(values, shape, strict=True)
+                ]
+            )
+        return means
+
+
+def _floor(model: str, shape: Map) -> None:
+    if model == "takeda2008":
+        np.maximum(shape[..., 2:], WIDTH_FLOOR, out=shape[..., 2:])
+        return
+    xx, xy, yy = np.moveaxis(shape[..., 2:], -1, 0)
+    lack = np.maximum(np.float32(WIDTH_FLOOR**2) - (xx + yy - np.hypot(xx - yy, 2 * xy)) / 2, 0)
+    xx += lack
+    yy += lack
+
+
+def channel_names(model: str, lobes: int) -> list[str]:
+    """Names of the channels that a material of this model has."""
+    terms = [("diffuse", ("x", "y"))] + [(f"lobe{k}", SHAPES[model]) for k in range(1, lobes + 1)]
+    names = [f"{term}.{c}" for term, shape in terms for c in ("R", "G", "B", "amplitude", *shape)]
+    return ["label", "bound", *names]
+
+
+def read_material(path: str | os.PathLike[str]) -> Material:
+    """Read a material file.
+
+    Raises
+    ------
+    ValueError
+        The file is missing or no EXR, lacks a channel or an attribute, has another version or an unknown
+        model, or holds values outside the model; one sentence that names it.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise ValueError(f"{path}: no such file; give a material that `fit` wrote")
+    try:
+        bitmap = mi.Bitmap(str(path), mi.Bitmap.FileFormat.OpenEXR)
+        pixels = np.asarray(bitmap)
+    except RuntimeError as error:
+        raise ValueError(f"{path}: cannot be read as EXR ({error}); write the material again") from None
+    metadata = bitmap.metadata()
+    header = {key: metadata[key] for key in metadata if key.startswith("kinran:")}
+    names = [field.name for field in bitmap.struct_()]
+    pixels = np.atleast_3d(pixels)
+    channels = {name: np.asarray(pixels[..., k], np.float32) for k, name in enumerate(names)}  # views
+    material = _from_header(path, header, channels)
+    check(material, str(path))
+    return material
+
+
+def _from_header(path: Path, header: dict[str, Any], channels: dict[str, Map]) -> Material:
+    def text(key: str) -> str:
+        if f"kinran:{key}" not in header:
+            raise ValueError(f"{path}: has no attribute kinran:{key}; it is not a Kinran material")
+        return str(header[f"kinran:{key}"])
+
+    if text("version") != VERSION:
+        raise ValueError(
+            f"{path}: kinran:version is '{text('version')}' but this plugin reads '{VERSION}'; update one"
+        )
+    if text("cosine") != "included":
+        raise ValueError(
+            f"{path}: kinran:cosine is '{text('cosine')}'; the plugin needs T = f_r cos θ ('included')"
+        )
+    values = {key: text(key) for key in ("model", "lobes", "regions", "colour", "from_stack", "texel_mm")}
+    values |= {key: text(key) for key in ("source", "measured")}
+    try:
+        return Material(
+            channels=channels,
+            model=values["model"],
+            tail=str(header.get("kinran:tail", "gaussian")),
+            lobes=int(values["lobes"]),
+            regions=json.loads(values["regions"]),
+            colour=values["colour"],
+            from_stack=np.array(json.loads(values["from_stack"]), np.float64),
+            texel_mm=float(values["texel_mm"]) if values["texel_mm"] else None,
+            source=values["source"],
+            theta_max=float(json.loads(values["measured"])["theta_max"]),
+            encoding=str(header.get("kinran:encoding", "")),
+            crop=str(header.get("kinran:crop", "")),
+        )
+    except (ValueError, KeyError, TypeError) as error:
+        raise ValueError(
+            f"{path}: a kinran: attribute cannot be read ({error}); write the material again"
+        ) from None
+
+
+def check(material: Material, name: str) -> None:
+    """Refuse a material that its model cannot render.
+
+    Raises
+    ------
+    ValueError
+        One sentence that names the file (`name`), the value, and what to do.
+    """
+    m = material
+    if m.model not in MODELS:
+        raise ValueError(f"{name}: model '{m.model}' is not one of {', '.join(MODELS)}; update the plugin")
+    if m.tail not in TAILS:
+        raise ValueError(f"{name}: tail '{m.tail}' is not one of {', '.join(TAILS)}; update the plugin")
+    if m.lobes not in ((0,) if m.model == "lambert" else (1,) if m.model == "takeda2008" else (1, 2)):
+        raise ValueError(f"{name}: {m.lobes} lobes do not go with model '{m.model}'; fit it again")
+    if m.colour != COLOUR:
+        raise ValueError(f"{name}: colour space '{m.colour}' is not '{COLOUR}'; convert the maps")
+    if m.from_stack.shape != (3, 3) or not np.isfinite(m.from_stack).all() or not np.linalg.det(m.from_stack):
+        raise ValueError(f"{name}: from_stack is not an invertible 3×3 matrix; calibrate the colour again")
+    for channel in channel_names(m.model, m.lobes):
+        if channel not in m.channels:
+            raise ValueError(
+                f"{name}: has no channel '{channel}', which model '{m.model}' needs; fit it again"
+            )
+        if not np.isfinite(m.channels[channel]).all():
+            raise ValueError(f"{name}: channel '{channel}' holds values that are not finite; fit it again")
+        if channel.endswith("amplitude") and m.channels[channel].min() < 0:
+            raise ValueError(
+                f"{name}: channel '{channel}' is negative ({m.channels[channel].min():g}); fit it again"
+            )
+    bound = m.channels["bound"]
+    if bound.min() <= 0 or bound.max() > 1:
+        raise ValueError(
+            f"{name}: channel 'bound' leaves (0, 1]: {bound.min():g} to {bound.max():g}; fit it again"
+        )
+    for k in range(1, m.lobes + 1):
+        _check_widths(m, f"lobe{k}", name)
+
+
+def _check_widths(m: Material, lobe: str, name: str) -> None:
+    used = m.channels[f"{lobe}.amplitude"] > 0
+    if m.model == "slope":
+        xx, xy, yy = (m.channels[f"{lobe}.{c}"][used] for c in ("xx", "xy", "yy"))
+        bad = (xx <= 0) | (yy <= 0) | (xx * yy - xy * xy < 0)
+    else:
+        bad = (m.channels[f"{lobe}.dt"][used] <= 0) | (m.channels[f"{lobe}.dp"][used] <= 0)
+    if bad.any():
+        raise ValueError(f"{name}: {int(bad.sum())} texels of {lobe} have no positive width; fit it again")
+
+
+def write_material(path: str | os.PathLike[str], material: Material) -> None:
+    """Write a material file under a temporary name, read it back, and give it its name.
+
+    Raises
+    ------
+    ValueError
+        The material is not one that `read_material` takes.
+    OSError
+        The folder cannot be written to.
+    """
+    path = Path(path)
+    check(material, str(path))
+    names = channel_names(material.model, material.lobes)
+    names += sorted(set(material.channels) - set(names))
+    shapes = {material.channels[n].shape for n in names}
+    if len(shapes) != 1:
+        raise ValueError(f"{path}: the maps have different sizes {sorted(shapes)}; give them one")
+    pixels = np.ascontiguousarray(np.stack([material.channels[n] for n in names], -1), np.float32)
+    bitmap = mi.Bitmap(pixels, mi.Bitmap.PixelFormat.MultiChannel, names)
+    metadata = bitmap.metadata()
+    for key, value in _header(material).items():
+        metadata[f"kinran:{key}"] = value
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part.exr")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        bitmap.write(str(temporary), mi.Bitmap.FileFormat.OpenEXR)
+        back = read_material(temporary)
+        if any(not np.array_equal(back.channels[n], pixels[..., k]) for k, n in enumerate(names)):
+            raise OSError(f"{path}: reads back changed; is the disk full?")
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _header(material: Material) -> dict[str, str]:
+    return {
+        "version": VERSION,
+        "model": material.model,
+        "tail": material.tail,
+        "lobes": str(material.lobes),
+        "regions": json.dumps(material.regions, ensure_ascii=False),
+        "frame": FRAME,
+        "cosine": "included",
+        "units": "1/sr",
+        "colour": material.colour,
+        "from_stack": json.dumps(np.asarray(material.from_stack, float).tolist()),
+        "texel_mm": "" if material.texel_mm is None else repr(float(material.texel_mm)),
+        "source": material.source,
+        "measured": json.dumps({"theta_max": float(material.theta_max)}),
+        "encoding": material.encoding,
+        "crop": material.crop,
+    }

@@ -1,0 +1,162 @@
+"""Minification: a far fabric has the energy of its texels, and a lobe as wide as all their slopes."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from kinran_bsdf import Material, models, write_material
+from kinran_bsdf.maps import pack
+from kinran_bsdf.pyramid import Pyramid, halve
+
+
+def weave(fabric: Callable[..., Material], size: tuple[int, int] = (64, 64)) -> Material:
+    """Ribs of narrow lobes: slopes run like the threads of a twill, with some noise, on a diffuse ground."""
+    m = fabric(size=size)
+    y, x = np.mgrid[: size[0], : size[1]]
+    m.channels["lobe1.x"][:] = 0.25 * np.sin(2 * np.pi * (x + y) / 8) + 0.1 * m.channels["lobe1.x"]
+    m.channels["lobe1.y"][:] = 0.1 * m.channels["lobe1.y"]
+    m.channels["lobe1.xx"][:], m.channels["lobe1.yy"][:], m.channels["lobe1.xy"][:] = 0.01, 0.03, 0
+    m.channels["lobe1.amplitude"][:] = 0.8
+    return m
+
+
+def rough(fabric: Callable[..., Material]) -> Material:
+    """The same, with slopes that are normally distributed from texel to texel."""
+    m = weave(fabric)
+    x, y = np.random.default_rng(4).normal(scale=[[[0.2]], [[0.1]]], size=(2, 64, 64))
+    m.channels["lobe1.x"][:], m.channels["lobe1.y"][:] = x, y
+    return m
+
+
+def apex(m: Material, levels: int) -> np.ndarray:
+    packed = pack(m)
+    for _ in range(levels):
+        packed = halve(packed, 3)
+    return packed
+
+
+@pytest.mark.parametrize("size", [(64, 64), (48, 80), (37, 53)])
+def test_levels_keep_energy_mean_and_variance(
+    llvm: str, fabric: Callable[..., Material], size: tuple[int, int]
+) -> None:
+    m = weave(fabric, size)
+    top = apex(m, 6)
+    assert top.shape[:2] == (1, 1)
+    texels = pack(m).reshape(-1, 13)
+    unit = models.slope_albedo(*texels[:, 8:].T)
+    weight = unit * texels[:, 5:8].sum(-1)
+    mean = np.average(texels[:, 8:10], 0, weights=weight)
+    spread = np.cov(texels[:, 8:10].T, aweights=weight, ddof=0) * 2
+    own = np.average(texels[:, 10:], 0, weights=weight)
+    np.testing.assert_allclose(top[0, 0, :3], texels[:, :3].mean(0), rtol=1e-5)
+    np.testing.assert_allclose(top[0, 0, 8:10], mean, atol=1e-5)
+    np.testing.assert_allclose(
+        top[0, 0, 10:], own + np.array([spread[0, 0], spread[0, 1], spread[1, 1]]), atol=1e-5
+    )
+    energy = top[0, 0, 5:8] * models.slope_albedo(*top[0, 0, 8:].astype(float))
+    np.testing.assert_allclose(energy, (texels[:, 5:8] * unit[:, None]).mean(0), rtol=1e-5)
+
+
+def test_fabric_without_lobes_has_a_pyramid(llvm: str, fabric: Callable[..., Material]) -> None:
+    m = fabric(size=(8, 8))
+    m.channels["lobe1.amplitude"][:] = 0
+    top = apex(m, 3)
+    assert np.isfinite(top).all()
+    np.testing.assert_allclose(top[0, 0, 5:8], 0)
+
+
+@pytest.mark.parametrize("wrap", ["repeat", "clamp"])
+def test_each_level_is_found_and_wraps(llvm: str, fabric: Callable[..., Material], wrap: str) -> None:
+    packed = pack(weave(fabric, (24, 40)))
+    pyramid = Pyramid(packed, 3, wrap)
+    level = packed
+    for k in range(1, pyramid.count + 1):
+        level = halve(level, 3)
+        height, width = level.shape[:2]
+        for y, x in ((0, 0), (height - 1, width - 1), (height // 2, width // 3)):
+            uv = mi.Point2f((x + 0.5) / width, (y + 0.5) / height)
+            np.testing.assert_allclose(np.ravel(pyramid.fetch(uv, mi.Float(k), True)), level[y, x], atol=2e-4)
+        seam = np.ravel(pyramid.fetch(mi.Point2f(1, 0.5 / height), mi.Float(k), True))
+        other = level[0, 0] if wrap == "repeat" else level[0, -1]
+        np.testing.assert_allclose(seam, (level[0, -1] + other) / 2, atol=2e-4)
+
+
+def far_view(path: Path, light: list[float], repeat: int, angle: float, spp: int) -> Any:
+    bsdf: dict[str, Any] = {"type": "kinran", "filename": str(path), "pixel_angle": angle}
+    bsdf["filter"] = "nearest"  # bilinear interpolation would itself smooth slopes
+    bsdf["to_uv"] = mi.ScalarTransform4f().scale([repeat, repeat, 1])
+    scene = {
+        "type": "scene",
+        "integrator": {"type": "direct"},
+        "sensor": {
+            "type": "perspective",
+            "fov": 10,
+            "to_world": mi.ScalarTransform4f().look_at(origin=[0, 0, 10], target=[0, 0, 0], up=[0, 1, 0]),
+            "film": {"type": "hdrfilm", "width": 16, "height": 16, "rfilter": {"type": "box"}},
+        },
+        "light": {"type": "directional", "direction": light, "irradiance": 1.0},
+        "cloth": {"type": "rectangle", "bsdf": bsdf},
+    }
+    return np.array(mi.render(mi.load_dict(scene), spp=spp, seed=3))
+
+
+PIXEL = np.radians(10) / 16
+
+
+@pytest.mark.parametrize("light", [[0, 0, -1], [-0.5, 0, -0.9], [0.3, 0.4, -0.9]])
+@pytest.mark.parametrize(("make", "bound"), [(rough, 0.05), (weave, 0.25)])
+def test_far_view_is_the_supersampled_one(
+    llvm: str, fabric: Callable[..., Material], tmp_path: Path, light: list[float], make: Any, bound: float
+) -> None:
+    """A pixel covers 14 × 14 texels or more: one sample of the pyramid against 1024 of the map.
+
+    Normally distributed slopes give one wide lobe again. The ribs of a twill do not: two peaks become one,
+    and its value under a single light is right to a quarter only, though its energy is right (below).
+    """
+    write_material(tmp_path / "a.exr", make(fabric))
+    reference = far_view(tmp_path / "a.exr", light, 4, 0.0, 1024)
+    aliased = far_view(tmp_path / "a.exr", light, 4, 0.0, 1)
+    filtered = far_view(tmp_path / "a.exr", light, 4, PIXEL, 1)
+
+    def error(image: np.ndarray) -> float:
+        return float(np.sqrt(np.mean((image - reference) ** 2)) / reference.mean())
+
+    assert filtered.mean() == pytest.approx(reference.mean(), rel=bound)
+    assert error(filtered) < bound + 0.05
+    assert error(aliased) > 2 * error(filtered)
+
+
+def test_far_view_keeps_the_mean_energy(llvm: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
+    """Under a white sky the pyramid reflects what the map reflects."""
+    write_material(tmp_path / "a.exr", weave(fabric))
+    means = []
+    for angle in (0.0, PIXEL):
+        bsdf = mi.load_dict({"type": "kinran", "filename": str(tmp_path / "a.exr"), "pixel_angle": angle})
+        n, rng = 1 << 18, np.random.default_rng(1)
+        si = mi.SurfaceInteraction3f()
+        si.t, si.dp_du, si.dp_dv = mi.Float(1000.0), mi.Vector3f(1, 0, 0), mi.Vector3f(0, 1, 0)
+        si.uv = mi.Point2f(rng.random((2, n)).astype(np.float32))
+        si.wi, si.sh_frame = mi.Vector3f(0, 0, 1), mi.Frame3f(mi.Normal3f(0, 0, 1))
+        u = rng.random((3, n)).astype(np.float32)
+        weight = bsdf.sample(mi.BSDFContext(), si, mi.Float(u[0]), mi.Point2f(u[1:]))[1]
+        means.append(np.array(weight).mean(1))
+    np.testing.assert_allclose(means[1], means[0], rtol=0.01)
+
+
+def test_near_view_uses_the_map_itself(llvm: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
+    write_material(tmp_path / "a.exr", weave(fabric))
+    there = far_view(tmp_path / "a.exr", [0, 0, -1], 4, 0.0, 1)
+    np.testing.assert_allclose(far_view(tmp_path / "a.exr", [0, 0, -1], 4, 1e-6, 1), there, rtol=1e-5)
+
+
+def test_angles_and_textures_have_no_pyramid(
+    llvm: str, fabric: Callable[..., Material], tmp_path: Path
+) -> None:
+    write_material(tmp_path / "a.exr", fabric("takeda2008"))
+    with pytest.raises((ValueError, RuntimeError), match="would average angles"):
+        mi.load_dict({"type": "kinran", "filename": str(tmp_path / "a.exr"), "pixel_angle": 0.01})
+    with pytest.raises((ValueError, RuntimeError), match="needs a material file"):
+        mi.load_dict({"type": "kinran", "pixel_angle": 0.01})

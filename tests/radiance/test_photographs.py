@@ -1,0 +1,96 @@
+"""Photographs: decoded, never scaled; their sizes; what is held out."""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import pytest
+from kinran import assemble, calibrate, colour_chart, ingest, merge
+from kinran.files import InputError, write_json
+from kinran.lights import Light, write_lp
+from kinran.plans import read_plan, write_plan
+from kinran.stack import SATURATED, Stack
+from PIL import Image
+
+COUNT = 20
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Twenty photographs: a ramp to the right and up, brighter with each light; a clipped corner."""
+    rng = np.random.default_rng(0)
+    directions = rng.normal(size=(COUNT, 3)) * (1, 1, 0.3) + (0, 0, 1.5)
+    lights = []
+    for k, vector in enumerate(directions / np.linalg.norm(directions, axis=1, keepdims=True)):
+        x, y = np.meshgrid(np.arange(20), np.arange(12))  # y from the top
+        values = np.stack([5 * x + k, 10 * (11 - y) + k, np.full_like(x, 40 + k)], -1)
+        values[0, 0] = 255
+        Image.fromarray(values.astype(np.uint8)).save(tmp_path / f"p{k:02d}.png")
+        x_, y_, z_ = (float(v) for v in vector)
+        lights.append(Light(f"p{k:02d}", (x_, y_, abs(z_)), f"p{k:02d}.png"))
+    write_lp(tmp_path / "set.lp", lights)
+    return tmp_path
+
+
+def run(folder: Path, encoding: str, crop: str = "", holdout: int = 4) -> Stack:
+    plan = folder / "captures/set/plan.json"
+    lights = ingest.inspect(folder, encoding, crop, holdout)
+    write_plan(plan, ingest.plan("set", lights, encoding, crop))
+    manifest = folder / "captures/set/groups/00.json"
+    write_json(manifest, ingest.manifest(plan, "00", folder))
+    calibration, out = folder / "calibration.json", folder / "radiance.zarr"
+    calibrate.main(argparse.Namespace(plan=plan, manifests=[manifest, calibration]))
+    common = {"plan": plan, "calibration": calibration, "out": out}
+    merge.main(argparse.Namespace(manifest=manifest, receipt=folder / "00.json", **common))
+    assemble.main(
+        argparse.Namespace(manifests=[manifest], receipts=[folder / "00.json"], holdout=holdout, **common)
+    )
+    return Stack.open(out)
+
+
+def test_linear_values_pass_unchanged(folder: Path) -> None:
+    stack = run(folder, "linear")
+    values, flags = stack.read_tile(0, 12, 0, 20)
+    assert values.shape == (COUNT, 12, 20, 3)
+    ramp = (5 * np.arange(20) + np.arange(COUNT)[:, None]) / 255
+    np.testing.assert_allclose(values[:, 3, :, 0], ramp, rtol=6e-4)  # half precision
+    up = (10 * np.arange(12) + np.arange(COUNT)[:, None]) / 255
+    np.testing.assert_allclose(values[:, :, 5, 1], up, rtol=6e-4)  # row 0 is the bottom
+    assert (flags[:, 11, 0] & SATURATED).all()  # the corner at the top left
+    assert (flags & SATURATED).sum() == COUNT * 3
+    assert stack.encoding == "linear"
+    np.testing.assert_allclose(stack.to_acescg, colour_chart.REC709_TO_ACESCG)
+
+
+def test_srgb_is_decoded_and_cropped(folder: Path) -> None:
+    stack = run(folder, "srgb", "4,2,8,6")
+    values, flags = stack.read_tile(0, 6, 0, 8)
+    assert (stack.height, stack.width, stack.crop) == (6, 8, "4,2,8,6")
+    encoded = (5 * 4 + 3) / 255  # column 4 under light 3
+    assert values[3, 0, 0, 0] == pytest.approx(((encoded + 0.055) / 1.055) ** 2.4, rel=1e-3)
+    assert values[3, 0, 0, 1] == pytest.approx((((10 * 4 + 3) / 255 + 0.055) / 1.055) ** 2.4, rel=1e-3)
+    assert not (flags & SATURATED).any()
+
+
+def test_every_fourth_is_held_out(folder: Path) -> None:
+    held = run(folder, "linear", holdout=4).held_out
+    np.testing.assert_array_equal(np.flatnonzero(held), [2, 6, 10, 14, 18])
+
+
+def test_another_size_is_refused(folder: Path) -> None:
+    run(folder, "linear")
+    Image.fromarray(np.zeros((12, 21, 3), np.uint8)).save(folder / "p07.png")
+    calibration, plan = folder / "calibration.json", folder / "captures/set/plan.json"
+    arguments = argparse.Namespace(
+        plan=plan,
+        calibration=calibration,
+        manifest=plan.parent / "groups/00.json",
+        receipt=None,
+        out=folder / "radiance.zarr",
+    )
+    with pytest.raises(InputError, match=r"p07\.png: gives 21 × 12 texels"):
+        merge.main(arguments)
+    (folder / "p07.png").write_bytes(b"")
+    with pytest.raises(InputError, match=r"p07\.png"):
+        merge.main(arguments)
+    assert read_plan(plan).encoding == "linear"

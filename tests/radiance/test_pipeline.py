@@ -1,0 +1,322 @@
+"""Calibrate, merge and stack against a scene of known radiance, from DNG files to the stack."""
+
+import argparse
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import SCENE, Capture, radiance
+from kinran import assemble, calibrate, colour_chart, merge
+from kinran.calibration import Calibration, read_calibration
+from kinran.files import InputError
+from kinran.plan import plan_grid
+from kinran.raw import read_raw
+from kinran.shots import merge_bracket, read_bracket, read_manifest
+from kinran.stack import DARK, HOT, SATURATED, Stack, shard_path
+from kinran.virtual.sensor import CROSSTALK, Sensor, _defects, shutter
+
+TEXELS = int(SCENE["texels"])
+CAMERA = CROSSTALK / CROSSTALK.sum(1, keepdims=True)
+"""Scene RGB to white-balanced camera RGB."""
+
+
+def run(stage: object, **values: object) -> None:
+    stage.main(argparse.Namespace(**values))  # type: ignore[attr-defined]
+
+
+def run_calibrate(capture: Capture, out: Path) -> Calibration:
+    run(calibrate, plan=capture.plan_path, manifests=[*capture.manifests, out])
+    return read_calibration(out)
+
+
+@pytest.fixture(scope="module")
+def calibration(capture: Capture) -> Calibration:
+    return run_calibrate(capture, capture.folder / "calibration.json")
+
+
+@pytest.fixture(scope="module")
+def stack(capture: Capture, calibration: Calibration) -> Stack:
+    for group in ("00", "01"):
+        run_merge(capture, group)
+    run_stack(capture, 4)
+    return Stack.open(capture.folder / "radiance.zarr")
+
+
+def run_merge(capture: Capture, group: str, out: str = "radiance.zarr", manifest: Path | None = None) -> None:
+    run(
+        merge,
+        plan=capture.plan_path,
+        calibration=capture.folder / "calibration.json",
+        manifest=manifest or capture.manifest(group),
+        receipt=capture.folder / f"{group}.json",
+        out=capture.folder / out,
+    )
+
+
+def run_stack(capture: Capture, holdout: int) -> None:
+    run(
+        assemble,
+        plan=capture.plan_path,
+        calibration=capture.folder / "calibration.json",
+        manifests=capture.manifests,
+        receipts=[capture.folder / "00.json", capture.folder / "01.json"],
+        holdout=holdout,
+        out=capture.folder / "radiance.zarr",
+    )
+
+
+def truth(capture: Capture) -> np.ndarray:
+    """π·T of all lights in the stack's RGB."""
+    pictures = [
+        radiance(np.radians(light.theta), np.radians(light.phi), TEXELS) for light in capture.plan.lights
+    ]
+    return np.stack(pictures) @ CAMERA.T
+
+
+def test_the_camera_is_measured(calibration: Calibration) -> None:
+    """Read noise to 5 %, gain to 10 %, saturation to 0.2 %, black to 0.1 counts, ratios to 0.25 %.
+
+    The ratios are those of five brackets under a lamp that flickers by 0.1 % from frame to frame.
+    """
+    camera, sensor = calibration.camera, Sensor()
+    assert camera is not None
+    assert camera.response.read == pytest.approx(np.hypot(sensor.read / sensor.gain, 12**-0.5), rel=0.05)
+    assert 1 / camera.response.gain == pytest.approx(sensor.gain, rel=0.1)
+    assert camera.response.saturation == pytest.approx(sensor.clip - sensor.black, rel=2e-3)
+    assert camera.masked
+    np.testing.assert_allclose(camera.black, 0, atol=0.1)
+    for exposure in camera.exposures[1:]:
+        true = shutter(exposure.nominal_s) / shutter(camera.exposures[0].nominal_s)
+        assert exposure.seconds / camera.exposures[0].seconds == pytest.approx(true, rel=2.5e-3)
+        assert exposure.sites > 1000
+
+
+def test_hot_sites_are_found(capture: Capture, calibration: Calibration) -> None:
+    """All sites whose dark current shows in the longest exposure by 10 σ, and no more than 0.1 % others."""
+    sensor = Sensor()
+    _, dark = _defects(sensor, (2 * TEXELS + 8, 2 * TEXELS), int(SCENE["seed"]))
+    shown = dark[8:] / 25.4 > 10 * sensor.read
+    found = np.zeros((2 * TEXELS, 2 * TEXELS), bool)
+    for plane, y, x in calibration.camera.bad:  # type: ignore[union-attr]
+        row, column = ((0, 0), (0, 1), (1, 0), (1, 1))[plane]
+        found[2 * (TEXELS - 1 - y) + row, 2 * x + column] = True
+    assert found[shown].all()
+    assert found.sum() - shown.sum() <= 4
+
+
+def test_colours_come_out_as_acescg(calibration: Calibration) -> None:
+    """The matrix is that of the sensor's crosstalk to 0.01, white stays white, ΔE00 is under 0.5."""
+    expected = colour_chart.REC709_TO_ACESCG @ np.linalg.inv(CAMERA)
+    np.testing.assert_allclose(calibration.matrix, expected, atol=0.01)
+    np.testing.assert_allclose(calibration.matrix.sum(1), 1, atol=1e-12)
+    assert np.mean(calibration.delta_e) < 0.5
+
+
+def test_the_stack_is_the_scene(capture: Capture, stack: Stack) -> None:
+    """In every decade of radiance the bias is ≤ 0.3 %, and the noise is that of the sensor."""
+    values, flags = stack.read_tile(0, TEXELS, 0, TEXELS)
+    expected = truth(capture)
+    good = (flags & (SATURATED | HOT)) == 0
+    for low, high, noise in ((1e-3, 1e-2, 0.08), (1e-2, 0.1, 0.015), (0.1, 1, 0.01), (1, 15, 0.01)):
+        use = good & (expected > low) & (expected < high)
+        assert use.sum() > 1000
+        bias = (values - expected)[use].sum() / expected[use].sum()
+        assert abs(bias) < 3e-3, (low, bias)
+        assert np.sqrt(np.mean((values[use] / expected[use] - 1) ** 2)) < noise, low
+
+
+def test_saturated_samples_are_flagged_lower_bounds(capture: Capture, stack: Stack) -> None:
+    values, flags = stack.read_tile(0, TEXELS, 0, TEXELS)
+    full, expected = (flags & SATURATED) > 0, truth(capture)
+    corner = np.s_[:-1, TEXELS - 2 :, :2, 1]  # 30 times white, but not at θ = 0
+    assert full[corner].all()
+    assert (values[full] < expected[full]).all()
+    assert values[full].min() > 0.5 * 18
+    assert not (flags[full] & DARK).any()
+    assert full.mean() < 0.02
+
+
+def test_darkness_is_flagged(capture: Capture, stack: Stack) -> None:
+    values, flags = stack.read_tile(0, TEXELS, 0, TEXELS)
+    dark = (flags & DARK) > 0
+    assert dark.any()
+    assert truth(capture)[dark].max() < 5e-3
+    assert (dark & (values > 0)).any()
+
+
+def test_the_lamp_is_taken_out(capture: Capture, stack: Stack) -> None:
+    """A lamp that drifts by 4 % between shots leaves 0.3 % from light to light."""
+    values, flags = stack.read_tile(0, TEXELS, 0, TEXELS)
+    ratio = np.where((flags == 0) & (truth(capture) > 0.05), values / truth(capture), np.nan)
+    by_light = np.nanmedian(ratio, axis=(1, 2, 3))
+    np.testing.assert_allclose(by_light, 1, atol=3e-3)
+    lamp = json.loads((capture.folder / "00.json").read_text())["lamp"].values()
+    assert max(lamp) - min(lamp) > 0.01
+
+
+def test_without_a_photodiode_the_monitors_tell(capture: Capture, calibration: Calibration) -> None:
+    camera = calibration.camera
+    assert camera is not None
+    shots = [replace(shot, photodiode=None) for shot in read_manifest(capture.manifest("00"), capture.plan)]
+    with_diode = json.loads((capture.folder / "00.json").read_text())["lamp"]
+    gains = merge.measure_gains(shots, calibration, capture.manifest("00"))
+    assert gains.keys() == with_diode.keys()
+    for shot, gain in gains.items():
+        assert gain == pytest.approx(with_diode[shot], rel=5e-3)
+
+
+def test_each_light_has_its_shot(capture: Capture, stack: Stack) -> None:
+    assert [light.name for light in stack.lights] == [light.name for light in capture.plan.lights]
+    assert stack.lights[3].grid == capture.plan.lights[3].grid
+    assert stack.lights[3].position_mm == capture.plan.lights[3].position_mm
+    assert stack.texel_mm == pytest.approx(4.8 / TEXELS)
+    values, _ = stack.read_tile(0, TEXELS, 0, TEXELS)
+    for i, picture in enumerate(truth(capture)):
+        error = [np.abs(value - picture).mean() for value in values]
+        assert np.argmin(error) == i
+
+
+def test_another_holdout_redoes_no_merge(capture: Capture, stack: Stack) -> None:
+    before = shard_path(stack.path, "radiance", 0).stat().st_mtime_ns
+    run_stack(capture, 3)
+    again = Stack.open(stack.path)
+    assert shard_path(stack.path, "radiance", 0).stat().st_mtime_ns == before
+    held = [light.grid for light in again.lights if light.held_out]
+    assert held
+    assert all((t + p) % 3 == 1 and t > 0 for t, p in held if t is not None)  # type: ignore[misc]
+    run_stack(capture, 0)
+    assert not Stack.open(stack.path).held_out.any()
+
+
+def test_merging_twice_gives_the_same_bytes(capture: Capture, stack: Stack) -> None:
+    run_merge(capture, "00", "again.zarr")
+    for name in ("radiance", "flags"):
+        one, two = (
+            shard_path(capture.folder / z, name, 0).read_bytes() for z in ("radiance.zarr", "again.zarr")
+        )
+        assert one == two
+
+
+# -- what must stop --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def broken(capture: Capture, calibration: Calibration, tmp_path: Path) -> Capture:
+    """A copy of the capture, to break."""
+    folder = tmp_path / "swatch"
+    shutil.copytree(capture.folder, folder, ignore=shutil.ignore_patterns("*.zarr", "card", "cache"))
+    manifests = [folder / "groups" / path.name for path in capture.manifests]
+    return Capture(folder, capture.plan, folder / "plan.json", manifests)
+
+
+def edit(manifest: Path, shot: str, change: object) -> None:
+    value = json.loads(manifest.read_text())
+    change(next(s for s in value["shots"] if s["shot"] == shot))  # type: ignore[operator]
+    manifest.write_text(json.dumps(value))
+
+
+def swap_files(entry: dict[str, list[dict[str, str]]]) -> None:
+    a, b = entry["frames"][2], entry["frames"][4]
+    a["file"], b["file"] = b["file"], a["file"]
+
+
+def test_a_truncated_frame(broken: Capture) -> None:
+    frame = broken.folder / "frames" / "t40_p000_250.dng"
+    frame.write_bytes(frame.read_bytes()[:4000])
+    with pytest.raises(InputError, match=r"t40_p000_250\.dng: cannot be read as RAW"):
+        run_merge(broken, "00")
+    assert not (broken.folder / "radiance.zarr").exists()
+
+
+def test_a_missing_frame(broken: Capture) -> None:
+    (broken.folder / "frames" / "t40_p000_250.dng").unlink()
+    with pytest.raises(InputError, match=r"t40_p000_250\.dng: no such file"):
+        run_merge(broken, "00")
+
+
+def test_a_swapped_exposure_is_seen_in_exif(broken: Capture) -> None:
+    edit(broken.manifest("00"), "t40_p000", swap_files)
+    with pytest.raises(InputError, match=r"EXIF says .* but the manifest"):
+        run_merge(broken, "00")
+
+
+def test_a_swapped_exposure_is_seen_in_the_picture(broken: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where EXIF is silent: 1/250 and 1/4000 differ sixteen times."""
+    monkeypatch.setattr("kinran.shots.read_raw", lambda path: replace(read_raw(path), seconds=0.0))
+    edit(broken.manifest("00"), "t40_p000", swap_files)
+    with pytest.raises(InputError, match="times as bright"):
+        run_merge(broken, "00")
+
+
+def test_an_exposure_twice(broken: Capture) -> None:
+    def double(entry: dict[str, list[dict[str, object]]]) -> None:
+        entry["frames"][1] = entry["frames"][0]
+
+    edit(broken.manifest("00"), "t40_p000", double)
+    with pytest.raises(InputError, match="stands twice"):
+        run_merge(broken, "00")
+
+
+def test_one_exposure_less_merges(broken: Capture, capture: Capture, stack: Stack) -> None:
+    edit(broken.manifest("00"), "t40_p000", lambda entry: entry["frames"].pop(2))
+    shots = {shot.shot: shot for shot in read_manifest(broken.manifest("00"), broken.plan)}
+    camera = read_calibration(broken.folder / "calibration.json").camera
+    assert camera is not None
+    rate, flags = merge_bracket(read_bracket(shots["t40_p000"]), camera)
+    whole = {shot.shot: shot for shot in read_manifest(capture.manifest("00"), capture.plan)}
+    expected, _ = merge_bracket(read_bracket(whole["t40_p000"]), camera)
+    good = (flags & (SATURATED | HOT)) == 0
+    assert rate[good].sum() == pytest.approx(expected[good].sum(), rel=2e-3)
+
+
+def test_a_light_without_a_shot(broken: Capture) -> None:
+    value = json.loads(broken.manifest("00").read_text())
+    value["shots"] = [shot for shot in value["shots"] if shot["shot"] != "t40_p000"]
+    broken.manifest("00").write_text(json.dumps(value))
+    with pytest.raises(InputError, match="has no shot of light 't40_p000'"):
+        run_merge(broken, "00")
+
+
+def test_a_manifest_of_another_plan(broken: Capture) -> None:
+    value = json.loads(broken.manifest("00").read_text())
+    broken.manifest("00").write_text(json.dumps({**value, "plan_sha256": "0" * 64}))
+    with pytest.raises(InputError, match="belongs to another plan"):
+        run_merge(broken, "00")
+
+
+def test_a_lens_that_was_not_covered(broken: Capture) -> None:
+    shutil.copy(broken.folder / "frames" / "white_25.dng", broken.folder / "frames" / "dark_25.dng")
+    with pytest.raises(InputError, match="shot 'dark': is not dark"):
+        run_calibrate(broken, broken.folder / "other.json")
+
+
+def test_a_chart_upside_down(broken: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    patches = colour_chart.patches
+    monkeypatch.setattr(
+        colour_chart, "patches", lambda image, usable: patches(image[::-1, ::-1], usable[::-1, ::-1])
+    )
+    with pytest.raises(InputError, match=r"shot 'chart': its patches are ΔE00 \d+"):
+        run_calibrate(broken, broken.folder / "other.json")
+
+
+def test_no_calibration_shots(broken: Capture) -> None:
+    with pytest.raises(InputError, match="list 0 shots of kind 'dark'"):
+        run(calibrate, plan=broken.plan_path, manifests=[broken.manifest("00"), broken.folder / "other.json"])
+
+
+def test_a_group_that_was_not_merged(broken: Capture) -> None:
+    run_merge(broken, "01")
+    with pytest.raises(InputError, match="radiance/c/0/0/0/0: is missing"):
+        run_stack(broken, 4)
+
+
+@pytest.mark.parametrize(
+    ("every", "message"), [(-1, "give 0 for none"), (1, "give 0 for none"), (40, "holds out none")]
+)
+def test_a_holdout_that_cannot_be(every: int, message: str) -> None:
+    plan = plan_grid("swatch", (0, 20, 40), 4, (0.01,), 4)
+    with pytest.raises(InputError, match=message):
+        assemble.held_out(plan, every)

@@ -1,0 +1,175 @@
+"""Plans: every direction once, whole shards, monitors spread, the quicker order."""
+
+import json
+import math
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+from kinran import plan as stage
+from kinran.__main__ import main
+from kinran.files import InputError
+from kinran.frames import direction
+from kinran.plans import Plan, read_plan, write_plan
+from kinran.rig.motion import move_time
+
+PAPER = [float(theta) for theta in range(0, 81, 5)]
+BRACKET = [1 / 25, 1 / 100, 1 / 250, 1 / 1000, 1 / 4000]
+
+
+@pytest.fixture(scope="module")
+def paper() -> Plan:
+    """The paper's grid."""
+    return stage.plan_grid("gold", PAPER, 72, BRACKET, lamp_mm=600, field_mm=60)
+
+
+def test_the_papers_grid(paper: Plan) -> None:
+    """1153 distinct directions, 72 repeats of θ = 0: 1224 shots of the fabric (DESIGN, Conventions)."""
+    assert len(paper.lights) == 1153
+    assert paper.lights[-1].theta == 0
+    shots = [shot for group in paper.groups for shot in group.shots]
+    kinds = [shot.kind for shot in shots]
+    assert kinds.count("light") == 1152
+    assert kinds.count("monitor") == 72
+    assert kinds[-3:] == ["dark", "white", "chart"]
+    assert len({shot.shot for shot in shots}) == len(shots)
+    assert {shot.light for shot in shots if shot.kind == "light"} == set(range(1152))
+    assert {shot.light for shot in shots if shot.kind == "monitor"} == {1152}
+    assert [group.name for group in paper.groups] == stage.group_names(PAPER, 72)
+
+
+def test_groups_are_whole_shards(paper: Plan) -> None:
+    lights = [group.lights for group in paper.groups if group.lights]
+    assert [len(each) for each in lights] == [64] * 17 + [65]
+    assert [index for each in lights for index in each] == list(range(1153))
+    for group in paper.groups[:-1]:
+        shot = {shot.light for shot in group.shots}
+        assert shot == {*group.lights, 1152}
+
+
+def test_lights_say_where_they_are(paper: Plan) -> None:
+    for light in paper.lights:
+        expected = direction(math.radians(light.theta), math.radians(light.phi))
+        np.testing.assert_allclose(light.direction, expected, atol=1e-12)
+        assert light.position_mm is not None
+        np.testing.assert_allclose(light.position_mm, 600 * expected, atol=1e-5)
+    assert paper.lights[16].name == "t05_p005"
+    assert paper.lights[16].grid == (1, 1)
+
+
+def test_monitors_are_spread(paper: Plan) -> None:
+    """The first and the last shot of a group, and the others evenly between them."""
+    for group in paper.groups[:-1]:
+        places = [i for i, shot in enumerate(group.shots) if shot.kind == "monitor"]
+        assert len(places) == 4
+        assert (places[0], places[-1]) == (0, len(group.shots) - 1)
+        gaps = np.diff(places)
+        assert max(gaps) - min(gaps) <= 1
+
+
+def test_order_is_quick(paper: Plan) -> None:
+    """Within a group the directions are within 1 % of the better of two serpentines, and far from a shuffle."""
+
+    def seconds(poses: list[tuple[float, float]]) -> float:
+        return sum(
+            move_time((1000 * a, 1000 * b), (1000 * c, 1000 * d))
+            for (a, b), (c, d) in zip(poses, poses[1:], strict=False)
+        )
+
+    poses = [(shot.theta, shot.phi) for shot in paper.groups[3].shots if shot.kind == "light"]
+    steps = [abs(c - a) + abs(d - b) for (a, b), (c, d) in zip(poses, poses[1:], strict=False)]
+    assert max(steps) == 5.0
+    phi_inside = 15 * 3 + 1  # steps of φ, the faster axis, and rows
+    assert phi_inside < len(poses)
+    by_theta_inside = sorted(poses, key=lambda pose: (pose[1], pose[0]))
+    assert seconds(poses) < seconds(by_theta_inside)
+    shuffled = random.Random(1).sample(poses, len(poses))
+    assert seconds(poses) < 0.35 * seconds(shuffled)
+
+
+def test_duration_and_dose(paper: Plan) -> None:
+    bracket = sum(BRACKET) + 5 * stage.CAMERA_S
+    assert paper.light_dose_s == pytest.approx(1224 * bracket)
+    assert paper.duration_s is not None
+    travel = paper.duration_s - 1227 * (bracket + 0.2)
+    assert 12 * 60 < travel < 45 * 60
+
+
+def test_same_input_same_bytes(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        write_plan(tmp_path / name, stage.plan_grid("gold", [0, 20, 40], 8, [0.04]))
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_round_trip(tmp_path: Path, paper: Plan) -> None:
+    write_plan(tmp_path / "plan.json", paper)
+    again = read_plan(tmp_path / "plan.json")
+    assert again == paper
+    assert again.sha256 == paper.sha256
+
+
+def test_an_edited_plan_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "plan.json"
+    write_plan(path, stage.plan_grid("gold", [0, 20], 8, [0.04], meridians=8))
+    value = json.loads(path.read_text())
+    value["exposures_s"] = [0.02]
+    path.write_text(json.dumps(value))
+    with pytest.raises(InputError, match="sha256"):
+        read_plan(path)
+    path.write_text("{}")
+    with pytest.raises(InputError, match="is not a plan"):
+        read_plan(path)
+
+
+def test_names_of_finer_grids() -> None:
+    plan = stage.plan_grid("gold", [0, 2.5], 16, [0.04], meridians=8)
+    assert [light.name for light in plan.lights[:3]] == ["t02-5_p000", "t02-5_p022-5", "t02-5_p045"]
+    assert plan.lights[-1].name == "t00_p000"
+
+
+def test_a_small_grid_is_one_group() -> None:
+    assert stage.group_lights([0, 40], 3) == {"00": range(4)}
+    assert stage.group_lights([0, 40], 12, meridians=8) == {"00": range(8), "01": range(8, 13)}
+    assert stage.group_names([0, 40], 3) == ["00", "calibration"]
+
+
+@pytest.mark.parametrize(
+    ("thetas", "phis", "meridians", "message"),
+    [
+        ([5, 10], 8, 4, "add 0"),
+        ([0, 10, 10], 8, 4, "different"),
+        ([0, 90], 8, 4, "under 90"),
+        ([0, float("nan")], 8, 4, "different"),
+        ([0], 8, 4, "different"),
+        ([0, 10], 0, 4, "meridians from 1"),
+        ([0, 10, 20, 30], 8, 4, "multiple of 8 meridians"),
+        (PAPER, 72, 5, "at most 64"),
+        (PAPER, 72, 0, "at most 64"),
+    ],
+)
+def test_grids_that_cannot_be(thetas: list[float], phis: int, meridians: int, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        stage.group_names(thetas, phis, meridians)
+
+
+@pytest.mark.parametrize("exposures", [[], [0.0], [-1.0], [float("nan")], [100.0]])
+def test_exposures_that_cannot_be(exposures: list[float]) -> None:
+    with pytest.raises(InputError, match="exposures"):
+        stage.plan_grid("gold", [0, 10], 8, exposures)
+
+
+def test_lengths_that_cannot_be() -> None:
+    with pytest.raises(InputError, match="lamp-mm"):
+        stage.plan_grid("gold", [0, 10], 8, [0.04], lamp_mm=-1)
+    with pytest.raises(InputError, match="field-mm"):
+        stage.plan_grid("gold", [0, 10], 8, [0.04], field_mm=math.inf)
+
+
+def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "plan.json"
+    words = ["--thetas", "0,20,40", "--phis", "8", "--exposures", "0.04,0.01", "--lamp-mm", "600"]
+    assert main(["plan", "--fabric", "gold", *words, str(out)]) == 0
+    assert read_plan(out).exposures_s == (0.04, 0.01)
+    assert main(["plan", "--fabric", "../gold", *words, str(out)]) == 2
+    assert "fabric '../gold'" in capsys.readouterr().err

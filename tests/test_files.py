@@ -1,0 +1,63 @@
+"""Files appear whole or not at all."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from kinran.files import InputError, atomic, check_name, read_json, sha256, write_json
+
+
+def test_nothing_is_left_when_writing_fails(tmp_path: Path) -> None:
+    target = tmp_path / "a.json"
+    target.write_text("old")
+    with pytest.raises(RuntimeError, match="in the middle"), atomic(target) as temporary:
+        temporary.write_text("half")
+        raise RuntimeError("in the middle")
+    assert target.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["a.json"]
+
+
+def test_json_round_trip_and_no_nan(tmp_path: Path) -> None:
+    write_json(tmp_path / "deep" / "a.json", {"θ": [1, 2.5, None]})
+    assert read_json(tmp_path / "deep" / "a.json") == {"θ": [1, 2.5, None]}
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_json(tmp_path / "b.json", float("nan"))
+    assert not (tmp_path / "b.json").exists()
+
+
+def test_bad_json(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text("{")
+    with pytest.raises(InputError, match="not valid JSON"):
+        read_json(tmp_path / "a.json")
+    with pytest.raises(InputError, match="no such file"):
+        read_json(tmp_path / "none.json")
+
+
+def test_a_file_where_a_folder_should_be_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written to"):
+        write_json(tmp_path / "file" / "a.json", 1)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_without_permission_is_named(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(InputError, match="choose another output folder"):
+        write_json(tmp_path / "a.json", 1)
+
+
+@pytest.mark.parametrize("name", ["brocade", "n-1_b", "0"])
+def test_good_names(name: str) -> None:
+    assert check_name(name, "fabric") == name
+
+
+@pytest.mark.parametrize("name", ["", "../x", "a/b", "<b>", "A", "-a", "a b", "a;b", "é", ".", "a\n"])
+def test_names_that_are_paths_markup_or_shell_are_refused(name: str) -> None:
+    with pytest.raises(InputError, match="use only a-z, 0-9, _ and -"):
+        check_name(name, "fabric")
+
+
+def test_sha256(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"abc")
+    assert sha256(tmp_path / "a").startswith("ba7816bf8f01cfea")

@@ -1,0 +1,69 @@
+"""`.lp` files, good and bad."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kinran.files import InputError
+from kinran.lights import Light, directions, read_lp, write_lp
+
+GOOD = "2\nsome folder\\image 01.jpg 0 0 2\nimage02.jpg 0.6 0 0.8\n"
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "dirs.lp"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_reads_names_with_folders_and_spaces_and_normalises(tmp_path: Path) -> None:
+    lights = read_lp(write(tmp_path, GOOD))
+    assert [light.name for light in lights] == ["image 01", "image02"]
+    assert lights[0].file == "image 01.jpg"
+    np.testing.assert_allclose(directions(lights), [[0, 0, 1], [0.6, 0, 0.8]])
+
+
+def test_byte_order_mark_and_blank_lines(tmp_path: Path) -> None:
+    assert len(read_lp(write(tmp_path, "\ufeff" + GOOD.replace("\n", "\n\n")))) == 2
+
+
+def test_writes_what_it_reads(tmp_path: Path) -> None:
+    lights = [Light("a", (0.0, 0.0, 1.0), "a.png"), Light("b c", (0.6, 0.0, 0.8), "b c.png")]
+    write_lp(tmp_path / "x.lp", lights)
+    assert read_lp(tmp_path / "x.lp") == lights
+
+
+def test_more_than_a_thousand_lights(tmp_path: Path) -> None:
+    rows = "\n".join(f"image{k}.jpg 0 {k / 2000} 1" for k in range(1224))
+    assert len(read_lp(write(tmp_path, f"1224\n{rows}\n"))) == 1224
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("3\na.jpg 0 0 1\nb.jpg 0 0 1\n", "says 3 lights but 2 follow"),
+        ("1\na.jpg 0 0 0\n", "light vector 0.0 0.0 0.0"),
+        ("1\na.jpg 0 nan 1\n", "light vector 0.0 nan 1.0"),
+        ("1\na.jpg 0 inf 1\n", "light vector"),
+        ("1\na.jpg 0.5 0.1 -0.2\n", "under the horizon (z = -0.2)"),
+        ("1\na.jpg 1 0 0\n", "under the horizon"),
+        ("2\na.jpg 0 0 1\na.png 0 0.1 1\n", "names 'a' again (first in line 2)"),
+        ("1\na.jpg 0 1\n", "is not 'file x y z'"),
+        ("1\na.jpg 0 x 1\n", "is not 'file x y z'"),
+        ("a.jpg 0 0 1\n", "first line is not the number of lights"),
+        ("", "first line is not the number of lights"),
+    ],
+)
+def test_bad_files_are_refused_in_one_sentence(tmp_path: Path, text: str, says: str) -> None:
+    path = write(tmp_path, text)
+    with pytest.raises(InputError) as error:
+        read_lp(path)
+    assert says in str(error.value)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        read_lp(tmp_path / "none.lp")

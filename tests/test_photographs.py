@@ -1,0 +1,87 @@
+"""Photographs of all kinds, upright in memory, and what is wrong with the broken ones."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+from kinran.encoding import parse
+from kinran.exr import write_rgb
+from kinran.files import InputError
+from kinran.lights import Light
+from kinran.photographs import Crop, find, parse_crop, read, size
+
+SRGB, LINEAR = parse("srgb"), parse("linear")
+VALUES = np.random.default_rng(1).integers(0, 256, (6, 9, 3), dtype=np.uint8)
+
+
+def test_eight_bit_png_is_decoded_exactly_and_turned_so_that_row_0_is_the_bottom(tmp_path: Path) -> None:
+    Image.fromarray(VALUES).save(tmp_path / "a.png")
+    photograph = read(tmp_path / "a.png", SRGB)
+    np.testing.assert_allclose(photograph.light, SRGB.decode(VALUES[::-1] / 255), atol=1e-6)
+    assert photograph.saturated.sum() == (VALUES >= 254).sum()
+
+
+@pytest.mark.parametrize("suffix", ["tif", "png"])
+def test_sixteen_bit(tmp_path: Path, suffix: str) -> None:
+    values = (np.arange(54, dtype=np.uint16) * 1000).reshape(6, 9)
+    path = tmp_path / f"a.{suffix}"
+    if suffix == "tif":
+        values = values[..., None].repeat(3, -1)
+        tifffile.imwrite(path, values)
+    else:
+        Image.fromarray(values).save(path)
+    light = read(path, LINEAR).light
+    expected = values if values.ndim == 3 else values[..., None].repeat(3, -1)
+    np.testing.assert_allclose(light, expected[::-1] / 65535, atol=1e-6)
+
+
+def test_exr_is_taken_as_it_is(tmp_path: Path) -> None:
+    image = np.random.default_rng(2).normal(size=(4, 5, 3)).astype(np.float32) * 10
+    write_rgb(tmp_path / "a.exr", image)
+    photograph = read(tmp_path / "a.exr", SRGB)
+    np.testing.assert_array_equal(photograph.light, image[::-1])
+    assert not photograph.saturated.any()
+    assert size(tmp_path / "a.exr") == (5, 4)
+
+
+def test_crop_counts_from_the_top_left(tmp_path: Path) -> None:
+    Image.fromarray(VALUES).save(tmp_path / "a.png")
+    light = read(tmp_path / "a.png", LINEAR, Crop(2, 1, 4, 3)).light
+    np.testing.assert_allclose(light, VALUES[1:4, 2:6][::-1] / 255, atol=1e-6)
+    with pytest.raises(InputError, match="too small for the crop 6,0,4,3"):
+        read(tmp_path / "a.png", LINEAR, Crop(6, 0, 4, 3))
+
+
+@pytest.mark.parametrize("text", ["1,2,3", "a,b,c,d", "-1,0,4,4", "0,0,0,4", "0,0,4.5,4"])
+def test_bad_crops(text: str) -> None:
+    with pytest.raises(InputError, match="crop"):
+        parse_crop(text)
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "png", "tif"])
+def test_truncated_files_are_named(tmp_path: Path, suffix: str) -> None:
+    big = np.random.default_rng(3).integers(0, 256, (64, 64, 3), dtype=np.uint8)
+    path = tmp_path / f"a.{suffix}"
+    if suffix == "tif":
+        tifffile.imwrite(path, big)
+    else:
+        Image.fromarray(big).save(path)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(InputError, match=rf"a\.{suffix}: is truncated or broken"):
+        read(path, SRGB)
+
+
+def test_find_does_not_mind_another_suffix_but_minds_two(tmp_path: Path) -> None:
+    (tmp_path / "a.png").touch()
+    assert find(tmp_path, [Light("a", (0, 0, 1), "a.jpg")]) == {"a": tmp_path / "a.png"}
+    (tmp_path / "a.tif").touch()
+    with pytest.raises(InputError, match="keep one image for each light"):
+        find(tmp_path, [Light("a", (0, 0, 1), "a.jpg")])
+    assert find(tmp_path, [Light("a", (0, 0, 1), "a.tif")])["a"].suffix == ".tif"
+    with pytest.raises(InputError, match=r"b\.jpg: no such image"):
+        find(tmp_path, [Light("b", (0, 0, 1), "b.jpg")])
+    with pytest.raises(InputError, match="no such folder"):
+        find(tmp_path / "none", [])

@@ -1,0 +1,66 @@
+"""Kinran on the command line: `python -m kinran STAGE …`; every stage can be run by hand."""
+
+import argparse
+import importlib
+import sys
+
+from kinran.files import InputError
+
+COMMANDS = {
+    "demo": ("kinran.demo", "run the whole pipeline on the virtual rig"),
+    "test": ("kinran.selftest", "run the tests"),
+    "doctor": ("kinran.doctor", "check this machine and say what to do"),
+    "rti": ("kinran.rti", "run the pipeline on photographs with a .lp file"),
+    "relight": ("kinran.relight", "relight a material, and compare with photographs"),
+    "render": ("kinran.render", "render a Mitsuba scene with Kinran materials"),
+    "rig": ("kinran.rig.cli", "talk to the goniometer"),
+    "plan": ("kinran.plan", "plan the shots of a capture"),
+    "capture": ("kinran.capture", "shoot a group of the plan"),
+    "ingest": ("kinran.ingest", "take photographs as a capture"),
+    "calibrate": ("kinran.calibrate", "calibrate camera, lamp and colour"),
+    "merge": ("kinran.merge", "merge the brackets of a group to radiance"),
+    "stack": ("kinran.assemble", "complete the radiance stack"),
+    "segment": ("kinran.segment", "segment a fabric into regions"),
+    "prior": ("kinran.fit.prior", "find the regions' priors for the fit"),
+    "fit": ("kinran.fit.tile", "fit a model to a run of tiles"),
+    "material": ("kinran.fit.join", "join fitted runs to a material"),
+    "evaluate": ("kinran.evaluate", "judge materials on held-out lights"),
+    "scan": ("kinran.scan", "generate the scan of a draped cloth"),
+    "mesh": ("kinran.mesh", "clean and unwrap a scan"),
+    "scene": ("kinran.scene", "assemble a Mitsuba scene"),
+    "report": ("kinran.report", "write the report of a fabric"),
+    "overview": ("kinran.report.overview", "write the overview of all fabrics"),
+}
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run a command; returns the exit status."""
+    argv = sys.argv[1:] if argv is None else argv
+    parser = argparse.ArgumentParser(
+        prog="kinran",
+        description="From a fabric under known lights to a material that a path tracer renders.",
+    )
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name, (module, summary) in COMMANDS.items():
+        command = commands.add_parser(name, help=summary, description=summary)
+        if argv[:1] == [name]:  # only the stage that runs is imported
+            stage = importlib.import_module(module)
+            command.description = (stage.__doc__ or summary).strip()
+            command.formatter_class = argparse.RawDescriptionHelpFormatter
+            stage.add_arguments(command)
+    args, args.rest = parser.parse_known_args(argv)
+    if args.rest and args.command != "test":
+        parser.error(f"unknown arguments: {' '.join(args.rest)}")
+    try:
+        importlib.import_module(COMMANDS[args.command][0]).main(args)
+    except InputError as error:
+        print(f"kinran {args.command}: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f"kinran {args.command}: stopped", file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,169 @@
+"""What is known of the camera, the lamp and the colours of a capture: `calibration.json`."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinran.bracket import Response
+from kinran.files import InputError, read_json, write_json
+
+VERSION = 1
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """A shutter time.
+
+    Attributes
+    ----------
+    nominal_s
+        As the dial says.
+    prior_s
+        The third stop that it means.
+    seconds
+        As measured, relative to the longest, which is at its third stop.
+    sites
+        Sensor sites that measured it; 0 where none could, and `seconds` follows `prior_s`.
+    """
+
+    nominal_s: float
+    prior_s: float
+    seconds: float
+    sites: int
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A calibrated RAW camera under a calibrated lamp.
+
+    Attributes
+    ----------
+    black : (4,)
+        Counts of darkness of R, G1, G2, B: relative to the mean under the mask if `masked`.
+    masked
+        Whether frames have a mask under which darkness is measured each time.
+    response
+        Saturation, gain and read noise.
+    exposures
+        Longest first.
+    bad : (plane, y, x)
+        Hot and dead sites.
+    white : (3,)
+        Counts a second of R, G, B of the white plate at θ = 0: π·T = 1.
+    photodiode
+        Its reading while the white plate was shot; None where the rig has none.
+    monitor
+        Counts a second that the fabric at θ = 0 gives (`level`) under the lamp that lit the white plate.
+    """
+
+    black: tuple[float, float, float, float]
+    masked: bool
+    response: Response
+    exposures: tuple[Exposure, ...]
+    bad: tuple[tuple[int, int, int], ...]
+    white: tuple[float, float, float]
+    photodiode: float | None
+    monitor: float | None
+
+    def seconds(self, nominal: float) -> float:
+        """True shutter time of a nominal one.
+
+        Raises
+        ------
+        InputError
+            It was not calibrated.
+        """
+        for exposure in self.exposures:
+            if abs(exposure.nominal_s - nominal) < 1e-3 * nominal:
+                return exposure.seconds
+        known = ", ".join(f"{exposure.nominal_s:g}" for exposure in self.exposures)
+        raise InputError(
+            f"exposure {nominal:g} s was not calibrated ({known} s were); shoot the calibration with it"
+        )
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Calibration of a capture.
+
+    Attributes
+    ----------
+    fabric, plan_sha256
+        What was calibrated.
+    height, width
+        Of the stack, in texels.
+    encoding, crop
+        Of photographs; empty for RAW frames.
+    camera
+        None for photographs.
+    colour
+        Name of the stack's RGB.
+    to_acescg : (3, 3)
+        Stack RGB (column) to linear ACEScg.
+    delta_e
+        ΔE00 of the chart's patches, each left out of the fit in turn; empty for photographs.
+    """
+
+    fabric: str
+    plan_sha256: str
+    height: int
+    width: int
+    encoding: str
+    crop: str
+    camera: Camera | None
+    colour: str
+    to_acescg: tuple[tuple[float, float, float], ...]
+    delta_e: tuple[float, ...]
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """`to_acescg` as an array."""
+        return np.array(self.to_acescg, float)
+
+    def noise(self) -> dict[str, Any]:
+        """The noise model for the stack's attributes."""
+        if self.camera is None:
+            return {"kind": "photograph"}
+        camera = self.camera
+        return {
+            "kind": "raw",
+            "counts_per_electron": camera.response.gain,
+            "read_counts": camera.response.read,
+            "saturation_counts": camera.response.saturation,
+            "seconds": [exposure.seconds for exposure in camera.exposures],
+            "white_counts_per_second": list(camera.white),
+        }
+
+
+def write_calibration(path: Path, calibration: Calibration) -> None:
+    """Write a calibration, atomically."""
+    write_json(path, {"version": VERSION, **asdict(calibration)})
+
+
+def read_calibration(path: Path) -> Calibration:
+    """Read a calibration.
+
+    Raises
+    ------
+    InputError
+        The file is missing or no calibration.
+    """
+    value = read_json(path)
+    try:
+        if value.pop("version") != VERSION:
+            raise InputError(f"{path}: is of another version; calibrate again")
+        camera = value.pop("camera")
+        if camera is not None:
+            camera["response"] = Response(**camera["response"])
+            camera["exposures"] = tuple(Exposure(**exposure) for exposure in camera["exposures"])
+            camera["bad"] = tuple((int(k), int(y), int(x)) for k, y, x in camera["bad"])
+            camera = Camera(**{**camera, "black": tuple(camera["black"]), "white": tuple(camera["white"])})
+        matrix = tuple((float(a), float(b), float(c)) for a, b, c in value.pop("to_acescg"))
+        return Calibration(
+            **{**value, "camera": camera, "to_acescg": matrix, "delta_e": tuple(value["delta_e"])}
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"{path}: is not a calibration ({error}); calibrate again") from None

@@ -1,0 +1,148 @@
+"""The configuration: read once, checked by schema, with defaults filled in."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import yaml
+
+from kinran import encoding, ingest, photographs
+from kinran.code import ROOT
+from kinran.files import InputError
+from kinran.lights import read_lp
+from kinran.plan import group_names, plan_grid
+from kinran.sheets import read_sheet
+
+SCHEMAS = ROOT / "workflow" / "schemas"
+
+
+@dataclass(frozen=True)
+class Fabric:
+    """A row of the sheet of fabrics.
+
+    Attributes
+    ----------
+    name
+        Name, which becomes its folders.
+    folder
+        Folder of its photographs; None where it lies on the rig.
+    encoding, crop
+        Of the photographs.
+    regions
+        Number of regions; None to let the data say.
+    light_groups
+        Groups of its capture that hold lights.
+    all_groups
+        Those, and the calibration group of the rig.
+    """
+
+    name: str
+    folder: Path | None
+    encoding: str
+    crop: str
+    regions: int | None
+    light_groups: tuple[str, ...]
+    all_groups: tuple[str, ...]
+
+    @property
+    def region_option(self) -> str:
+        """Option of `kinran segment`."""
+        return "" if self.regions is None else f"--count {self.regions}"
+
+
+def check(value: dict[str, Any], schema: str, where: str) -> None:
+    """Check a value against a schema of `workflow/schemas` and fill in the defaults.
+
+    Raises
+    ------
+    InputError
+        What does not fit, and where.
+    """
+    rules = yaml.safe_load((SCHEMAS / f"{schema}.schema.yaml").read_text(encoding="utf-8"))
+    _fill(value, rules)
+    error = jsonschema.exceptions.best_match(jsonschema.Draft202012Validator(rules).iter_errors(value))
+    if error is not None:
+        at = ".".join(str(part) for part in error.absolute_path)
+        raise InputError(f"{where}: {at + ': ' if at else ''}{error.message}; see workflow/schemas/{schema}.schema.yaml")
+
+
+def _fill(value: dict[str, Any], rules: dict[str, Any]) -> None:
+    for key, rule in rules.get("properties", {}).items():
+        if "default" in rule:
+            value.setdefault(key, rule["default"])
+        if isinstance(value.get(key), dict):
+            _fill(value[key], rule)
+
+
+def read_fabrics(config: dict[str, Any]) -> dict[str, Fabric]:
+    """Check the config, and read the sheet of fabrics that it names.
+
+    Raises
+    ------
+    InputError
+        The config or a row is wrong, or a set's lights cannot be read.
+    """
+    check(config, "config", "config.yaml")
+    sheet = config["fabrics"]
+    fabrics: dict[str, Fabric] = {}
+    for row in read_sheet(sheet):
+        check(dict(row), "fabric", f"{sheet}: fabric '{row.get('fabric', '')}'")
+        if row["fabric"] in fabrics:
+            raise InputError(f"{sheet}: fabric '{row['fabric']}' stands twice; give each a name of its own")
+        fabrics[row["fabric"]] = _fabric(row, config["rig"])
+    if not fabrics:
+        raise InputError(f"{sheet}: has no fabric; add a row")
+    return fabrics
+
+
+def _fabric(row: dict[str, str], rig: dict[str, Any]) -> Fabric:
+    regions = int(row["regions"]) if row["regions"] else None
+    if row["source"] == "rig":
+        groups = tuple(group_names(rig["thetas"], rig["phis"], rig["meridians"]))
+        lights = tuple(group for group in groups if group != "calibration")
+        return Fabric(row["fabric"], None, "", "", regions, lights, (*lights, "calibration"))
+    folder = Path(row["source"])
+    encoded = row["encoding"] or "srgb"
+    encoding.parse(encoded)
+    photographs.parse_crop(row["crop"])
+    groups = tuple(ingest.group_names(len(read_lp(ingest.lp_file(folder)))))
+    return Fabric(row["fabric"], folder, encoded, row["crop"], regions, groups, groups)
+
+
+def read_revisions(config: dict[str, Any], fabrics: dict[str, Fabric]) -> Callable[[str, str], str]:
+    """Read the sheet of directions to shoot again.
+
+    Returns
+    -------
+    callable
+        (fabric, group) → the shots of the group with a revision, as JSON in one order, for a rule's parameter.
+
+    Raises
+    ------
+    InputError
+        A row is wrong, or names a direction that the rig's grid does not have.
+    """
+    sheet, rig = config["recapture"], config["rig"]
+    wanted: dict[tuple[str, str], dict[str, int]] = {}
+    rows = read_sheet(sheet)
+    grid = plan_grid("grid", rig["thetas"], rig["phis"], [1.0], rig["meridians"]).groups if rows else ()
+    for row in rows:
+        check(dict(row), "recapture", f"{sheet}: {row.get('fabric', '')} {row.get('theta', '')} {row.get('phi', '')}")
+        theta, phi = float(row["theta"]), float(row["phi"])
+        if row["fabric"] not in fabrics or fabrics[row["fabric"]].folder is not None:
+            raise InputError(f"{sheet}: '{row['fabric']}' is no fabric on the rig; correct the row")
+        found = [
+            (group.name, shot.shot)
+            for group in grid
+            for shot in group.shots
+            if shot.kind in ("light", "monitor") and abs(shot.theta - theta) + abs(shot.phi - phi) < 1e-6
+        ]
+        if not found:
+            raise InputError(f"{sheet}: θ = {theta:g}, φ = {phi:g} is no direction of the grid; correct the row")
+        for group, name in found:
+            shots = wanted.setdefault((row["fabric"], group), {})
+            shots[name] = max(shots.get(name, 0), int(row["revision"]))
+    return lambda fabric, group: json.dumps(wanted.get((fabric, group), {}), sort_keys=True)

@@ -1,0 +1,160 @@
+"""Check this machine: libraries, Python packages, cores, memory, disk; say what to do about each failing line."""
+
+import argparse
+import importlib
+import importlib.metadata
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from kinran.code import ROOT
+from kinran.files import InputError
+
+LEAST_MEMORY_GB, LEAST_DISK_GB = 4, 3
+PYMESHLAB_PLUGINS = 58
+LIBRARIES = "apt-get install --no-install-recommends libgl1 libopengl0 libatomic1 libllvm19"
+LLVM_PROBE = (
+    "import mitsuba as mi, drjit as dr; mi.set_variant('llvm_ad_rgb');"
+    "x = dr.maximum(mi.Float([1.0, 2.0]), 1.5); dr.eval(x); print('works')"
+)
+MESH_PROBE = "import pymeshlab; print(pymeshlab.plugin_number())"
+PACKAGES = (
+    "mitsuba", "drjit", "snakemake", "OpenEXR", "colour-science", "pycolmap", "hidapi", "libigl", "numba", "zarr",
+    "rawpy", "kinran-bsdf",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Result of a check: whether all is well, what was found, and what to do if not."""
+
+    well: bool
+    found: str
+    remedy: str = ""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command takes none."""
+
+
+def main(args: argparse.Namespace) -> None:
+    """Print a line a check.
+
+    Raises
+    ------
+    InputError
+        Something is missing that the pipeline needs.
+    """
+    failed = 0
+    for name, check in CHECKS.items():
+        finding = check()
+        failed += not finding.well
+        print(f"{'ok  ' if finding.well else 'FAIL'}  {name:<18} {finding.found}", flush=True)
+        if not finding.well:
+            print(f"{'':24} {finding.remedy}", flush=True)
+    if failed:
+        raise InputError(f"{failed} of {len(CHECKS)} checks failed; each line above says what to do")
+
+
+def python() -> Finding:
+    """Version of Python."""
+    version = ".".join(str(part) for part in sys.version_info[:3])
+    return Finding(sys.version_info >= (3, 11), f"{version} in {sys.prefix}", "install Python 3.11 or newer")
+
+
+def packages() -> Finding:
+    """Python packages that the pipeline imports."""
+    found, missing = [], []
+    for name in PACKAGES:
+        try:
+            found.append(f"{name} {importlib.metadata.version(name)}")
+        except importlib.metadata.PackageNotFoundError:
+            missing.append(name)
+    remedy = f"missing: {', '.join(missing)}; remove .venv and call ./kinran again"
+    return Finding(not missing, ", ".join(found), remedy)
+
+
+def llvm() -> Finding:
+    """Whether Dr.Jit can compile; in a process of its own, since a wrong LLVM aborts it."""
+    run = _probe(LLVM_PROBE)
+    if run.returncode == 0 and "works" in run.stdout:
+        return Finding(True, os.environ.get("DRJIT_LIBLLVM_PATH", "the system's libLLVM works with Dr.Jit"))
+    what = "is not found" if run.returncode == 1 else f"aborts the process (status {run.returncode})"
+    return Finding(
+        False, f"libLLVM {what}", f"Mitsuba 3.9 needs LLVM 17 or newer: {LIBRARIES}; 15 and 16 abort"
+    )
+
+
+def meshlab() -> Finding:
+    """Whether pymeshlab has all its plugins: without libOpenGL it loses the reading of meshes."""
+    run = _probe(MESH_PROBE)
+    number = run.stdout.strip()
+    well = run.returncode == 0 and number.isdigit() and int(number) >= PYMESHLAB_PLUGINS
+    last = (run.stderr.strip().splitlines() or ["no reason given"])[-1]
+    return Finding(well, f"{number} plugins" if number.isdigit() else last, LIBRARIES)
+
+
+def hid() -> Finding:
+    """Whether the module `hid` is that of hidapi: another package of that name hides it."""
+    for name in ("hidraw", "hid"):
+        if importlib.util.find_spec(name) is None:
+            continue
+        try:
+            module = importlib.import_module(name)
+        except ImportError as error:
+            return Finding(False, f"{name}: {error}", "apt-get install libusb-1.0-0 libudev1")
+        if hasattr(module, "device") and hasattr(module, "version_str"):
+            return Finding(True, f"{name}, hidapi {module.version_str()}")
+    remedy = "pip uninstall hid; pip install --force-reinstall hidapi"
+    return Finding(False, "another package named 'hid' stands before hidapi", remedy)
+
+
+def cores() -> Finding:
+    """Processors that may be used."""
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return Finding(True, f"{count}")
+
+
+def memory() -> Finding:
+    """Memory of the machine."""
+    total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
+    return Finding(total >= LEAST_MEMORY_GB, f"{total:.1f} GB", f"{LEAST_MEMORY_GB} GB are needed for the demo")
+
+
+def disk() -> Finding:
+    """Free space where results go."""
+    free = shutil.disk_usage(Path.cwd()).free / 1e9
+    return Finding(free >= LEAST_DISK_GB, f"{free:.1f} GB free in {Path.cwd()}", f"make room: {LEAST_DISK_GB} GB")
+
+
+def writable() -> Finding:
+    """Whether results can be written."""
+    return Finding(os.access(Path.cwd(), os.W_OK), str(Path.cwd()), "work in a folder that you may write to")
+
+
+def snakefile() -> Finding:
+    """Whether the workflow is where the library expects it."""
+    return Finding((ROOT / "Snakefile").is_file(), str(ROOT), "work in a clone of the project")
+
+
+def _probe(code: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+
+
+CHECKS: dict[str, Callable[[], Finding]] = {
+    "Python": python,
+    "packages": packages,
+    "LLVM for Mitsuba": llvm,
+    "pymeshlab": meshlab,
+    "hidapi": hid,
+    "cores": cores,
+    "memory": memory,
+    "disk": disk,
+    "output folder": writable,
+    "workflow": snakefile,
+}

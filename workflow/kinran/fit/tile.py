@@ -1,0 +1,134 @@
+"""Fit a model to a run of tiles of the radiance stack."""
+
+import argparse
+import resource
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinran.files import atomic, read_json
+from kinran.fit import lambert, samples, slope, takeda
+from kinran.fit.lobes import squared_widths
+from kinran.labels import read_labels
+from kinran.stack import Stack
+
+MODELS = ("takeda2008", "slope", "lambert")
+SHAPES = {
+    "takeda2008": ("theta", "phi", "dt", "dp"),
+    "slope": ("x", "y", "xx", "xy", "yy"),
+    "lambert": (),
+}
+"""Names of the lobe's shape channels."""
+
+Channels = dict[str, NDArray[np.float64]]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the stage."""
+    parser.add_argument("--stack", type=Path, required=True, help="radiance stack (.zarr)")
+    parser.add_argument("--labels", type=Path, required=True, help="label map (.exr)")
+    parser.add_argument("--model", choices=MODELS, required=True)
+    parser.add_argument("--prior", type=Path, help="priors of the regions (.json), for slope")
+    parser.add_argument(
+        "--fitted", type=int, nargs="*", help="labels that get a lobe (default: all); the rest stay a texture"
+    )
+    parser.add_argument("--tile", default="0/1", help="which run of tiles: INDEX/COUNT, from 0")
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("out", type=Path, help="parameters of the run's texels (.npz)")
+
+
+def main(args: argparse.Namespace) -> None:
+    """Fit the run and write its parameters, with the CPU seconds that they took."""
+    stack = Stack.open(args.stack)
+    labels = read_labels(args.labels)
+    priors = None
+    if args.prior:
+        priors = [slope.Prior(np.array(row["centre"]), row["variance"]) for row in read_json(args.prior)]
+    boxes = samples.share(stack.tiles(), args.tile)
+    done, total = 0, sum((y1 - y0) * (x1 - x0) for y0, y1, x0, x1 in boxes)
+    parts: list[Channels] = []
+    _warm_up(args.model)
+    start, reading = time.process_time(), 0.0
+    for box in boxes:
+        before = time.process_time()
+        tile = samples.read(stack, box)
+        reading += time.process_time() - before
+        region = samples.cut(labels, box)
+        parts.append(_fit(args, stack, tile, region, priors))
+        done += len(region)
+        print(f"{args.model}: {done} of {total} texels", file=sys.stderr, flush=True)
+    seconds = time.process_time() - start - reading
+    names = list(parts[0]) if parts else []
+    arrays = {name: np.concatenate([part[name] for part in parts]).astype(np.float32) for name in names}
+    with atomic(args.out) as temporary, temporary.open("wb") as file:
+        np.savez(
+            file,
+            boxes=np.array(boxes, np.int64).reshape(-1, 4),
+            cpu_seconds=seconds,
+            read_seconds=reading,
+            peak_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+            **arrays,
+        )
+
+
+def _fit(
+    args: argparse.Namespace,
+    stack: Stack,
+    tile: samples.Samples,
+    region: NDArray[np.intp],
+    priors: list[slope.Prior] | None,
+) -> Channels:
+    """Channels (texel,) of one tile, colours in the stack's unit and space."""
+    model = args.model
+    lights = samples.training_directions(stack)
+    if model == "lambert":
+        return _channels((), np.zeros((len(region), 0)), lambert.fit(tile.T, tile.W, lights)[:, None])
+    if model == "slope":
+        result = slope.fit(tile.T, tile.W, lights, priors=priors, region=region, threads=args.threads)
+        lobe = np.stack([result.shapes[:, 0], result.shapes[:, 1], *squared_widths(result.shapes[:, :5])], 1)
+        channels = _channels(SHAPES[model], lobe, result.colours)
+        channels["diffuse.x"], channels["diffuse.y"] = result.shapes[:, 5], result.shapes[:, 6]
+    else:
+        steps = takeda.four_steps(tile.T, lights, *_tolerances(stack))
+        channels = _channels(SHAPES[model], steps.shapes, steps.colours)
+    if args.fitted is not None:
+        _leave_as_texture(channels, ~np.isin(region, args.fitted), lambert.fit(tile.T, tile.W, lights))
+    return channels
+
+
+def _channels(names: tuple[str, ...], shapes: NDArray[np.float64], colours: NDArray[np.float64]) -> Channels:
+    """Name the shapes (texel, K) of a lobe and the colours (texel, lobes + 1, 3)."""
+    channels = {f"lobe1.{name}": shapes[:, k] for k, name in enumerate(names)}
+    for k, part in enumerate(["lobe1", "diffuse"][-colours.shape[1] :]):
+        channels.update({f"{part}.{c}": colours[:, k, i] for i, c in enumerate("RGB")})
+    channels["diffuse.x"] = channels["diffuse.y"] = np.zeros(len(colours))
+    return channels
+
+
+def _leave_as_texture(channels: Channels, plain: NDArray[np.bool_], colour: NDArray[np.float64]) -> None:
+    """Give the texels that are not fitted no lobe and their Lambertian colour (Takeda2008, §4)."""
+    for i, c in enumerate("RGB"):
+        channels[f"lobe1.{c}"] = np.where(plain, 0, channels[f"lobe1.{c}"])
+        channels[f"diffuse.{c}"] = np.where(plain, colour[:, i], channels[f"diffuse.{c}"])
+    for name in ("diffuse.x", "diffuse.y"):
+        channels[name] = np.where(plain, 0, channels[name])
+
+
+def _tolerances(stack: Stack) -> tuple[float, float]:
+    """Half a step of the grid in θ_i and φ_i; 5° and 15° for scattered lights. Radians."""
+    grid = np.array([light.grid for light in stack.lights if light.grid])
+    if len(grid) < len(stack.lights):
+        return float(np.radians(5)), float(np.radians(15))
+    thetas = np.unique([round(float(np.degrees(np.arccos(light.direction[2]))), 3) for light in stack.lights])
+    azimuths = grid[:, 1].max() + 1
+    return float(np.radians(0.5 * np.median(np.diff(thetas)))), float(1.02 * np.pi / azimuths)
+
+
+def _warm_up(model: str) -> None:
+    """Compile before the clock starts."""
+    if model == "slope":
+        lights = np.array([[0.0, 0.0, 1.0], [0.5, 0.0, 0.75**0.5], [0.0, 0.5, 0.75**0.5]])
+        slope.fit(np.ones((1, 3, 3), np.float32), np.ones((1, 3), np.float32), lights)

@@ -1,0 +1,58 @@
+"""The label map of a fabric and what is known of each region."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinran.exr import read_exr, write_exr
+from kinran.files import InputError, read_json, write_json
+
+
+@dataclass(frozen=True)
+class Region:
+    """A region of one kind of thread.
+
+    Attributes
+    ----------
+    label
+        Its value in the label map.
+    name
+        What it looks like, such as ``gold`` or ``red``; unique in a fabric.
+    texels
+        How many it has.
+    colour
+        Mean linear Rec. 709 colour over the lights, for people.
+    shininess
+        ln of the 98th over the 40th percentile of luminance over the lights, median of its texels.
+    """
+
+    label: int
+    name: str
+    texels: int
+    colour: tuple[float, float, float]
+    shininess: float
+
+
+def write_labels(path: Path, labels: NDArray[np.intp], confidence: NDArray[np.float32]) -> None:
+    """Write the label map (y, x) and its confidence (y, x) in [0, 1]."""
+    write_exr(path, {"label": labels.astype(np.float32), "confidence": confidence})
+
+
+def read_labels(path: Path) -> NDArray[np.intp]:
+    """Read a label map (y, x)."""
+    channels = read_exr(path)
+    if "label" not in channels:
+        raise InputError(f"{path}: has no channel 'label'; make it with `kinran segment`")
+    return channels["label"].astype(np.intp)
+
+
+def write_regions(path: Path, regions: list[Region]) -> None:
+    """Write the regions as JSON."""
+    write_json(path, [asdict(region) for region in regions])
+
+
+def read_regions(path: Path) -> list[Region]:
+    """Read the regions."""
+    return [Region(**{**row, "colour": tuple(row["colour"])}) for row in read_json(path)]

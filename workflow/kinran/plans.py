@@ -1,0 +1,226 @@
+"""The plan of a capture: which lights there are, which shots in which groups, and in which order."""
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from kinran.files import InputError, check_name, read_json, write_json
+
+VERSION = 1
+SHARD = 8
+"""Lights in one shard of the radiance stack."""
+
+Kind = Literal["light", "monitor", "dark", "white", "chart"]
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class PlanLight:
+    """One direction of the set.
+
+    Attributes
+    ----------
+    index
+        Its place in the radiance stack.
+    name
+        Name of its shot.
+    theta, phi
+        In degrees, as the rig is told; φ in [0, 360).
+    direction
+        Unit vector at the field's centre, away from the surface.
+    grid
+        (iθ, iφ) in the plan's grid; None for a list.
+    position_mm
+        Where the lamp stands, in millimetres from the field's centre; None when unknown.
+    """
+
+    index: int
+    name: str
+    theta: float
+    phi: float
+    direction: Vector
+    grid: tuple[int, int] | None = None
+    position_mm: Vector | None = None
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One bracket to be taken.
+
+    Attributes
+    ----------
+    shot
+        Name, unique in the plan.
+    kind
+        ``light``, ``monitor`` (a repeat of the light at θ = 0), ``dark``, ``white`` or ``chart``.
+    light
+        Index of its light; None for dark, white and chart.
+    theta, phi
+        Pose of the light arm in degrees.
+    """
+
+    shot: str
+    kind: Kind
+    light: int | None
+    theta: float
+    phi: float
+
+
+@dataclass(frozen=True)
+class Group:
+    """Shots taken one after the other: one manifest, one merge job.
+
+    Attributes
+    ----------
+    name
+        ``00``, ``01``, … or ``calibration``.
+    lights
+        Indices of the lights whose shards of the stack this group writes.
+    shots
+        In the order in which they are taken.
+    """
+
+    name: str
+    lights: tuple[int, ...]
+    shots: tuple[Shot, ...]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Everything that a capture is to take; lights in the order of their indices.
+
+    A list of photographs (kind ``list``) has the `encoding` of their values and the `crop` X,Y,W,H that
+    is used.
+    """
+
+    fabric: str
+    kind: Literal["grid", "list"]
+    exposures_s: tuple[float, ...]
+    lights: tuple[PlanLight, ...]
+    groups: tuple[Group, ...]
+    duration_s: float | None = None
+    light_dose_s: float | None = None
+    lamp_mm: float | None = None
+    field_mm: float | None = None
+    encoding: str | None = None
+    crop: str = ""
+
+    def group(self, name: str) -> Group:
+        """The group of this name.
+
+        Raises
+        ------
+        InputError
+            There is none.
+        """
+        for group in self.groups:
+            if group.name == name:
+                return group
+        names = ", ".join(group.name for group in self.groups)
+        raise InputError(f"group '{name}' is not in the plan of {self.fabric}; it has {names}")
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the plan's content."""
+        text = json.dumps(_as_json(self), sort_keys=True, ensure_ascii=False, allow_nan=False)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def write_plan(path: Path, plan: Plan) -> None:
+    """Write a plan with its digest, atomically."""
+    write_json(path, {**_as_json(plan), "sha256": plan.sha256})
+
+
+def read_plan(path: Path) -> Plan:
+    """Read and check a plan.
+
+    Raises
+    ------
+    InputError
+        The file is missing, was edited, or does not hold together.
+    """
+    value = read_json(path)
+    try:
+        if value["version"] != VERSION:
+            raise InputError(f"{path}: plan version {value['version']} is not {VERSION}; plan again")
+        plan = Plan(
+            fabric=check_name(value["fabric"], "fabric"),
+            kind=value["kind"],
+            exposures_s=tuple(value["exposures_s"]),
+            lights=tuple(_light(light) for light in value["lights"]),
+            groups=tuple(_group(group) for group in value["groups"]),
+            duration_s=value.get("duration_s"),
+            light_dose_s=value.get("light_dose_s"),
+            lamp_mm=value.get("lamp_mm"),
+            field_mm=value.get("field_mm"),
+            encoding=value.get("encoding"),
+            crop=value.get("crop", ""),
+        )
+        digest = value["sha256"]
+    except (KeyError, TypeError) as error:
+        raise InputError(f"{path}: is not a plan ({error!r}); make it again") from None
+    if digest != plan.sha256:
+        raise InputError(f"{path}: its content does not match its sha256; do not edit a plan, make it again")
+    check_plan(path, plan)
+    return plan
+
+
+def check_plan(path: Path, plan: Plan) -> None:
+    """Check that a plan holds together.
+
+    Raises
+    ------
+    InputError
+        A name is unsafe or stands twice, a light is missing, or a group is not made of whole shards.
+    """
+    if plan.kind not in ("grid", "list") or not plan.exposures_s or min(plan.exposures_s) <= 0:
+        raise InputError(f"{path}: kind '{plan.kind}' or exposures {plan.exposures_s} are wrong; plan again")
+    if [light.index for light in plan.lights] != list(range(len(plan.lights))):
+        raise InputError(f"{path}: the lights are not numbered 0, 1, 2, …; plan again")
+    owned = [index for group in plan.groups for index in group.lights]
+    if sorted(owned) != list(range(len(plan.lights))):
+        raise InputError(f"{path}: a light belongs to no group or to two; plan again")
+    full = [group for group in plan.groups if group.lights]
+    if any(len(group.lights) % SHARD for group in full[:-1]):
+        raise InputError(f"{path}: a group before the last is not a multiple of {SHARD} lights; plan again")
+    seen: set[str] = set()
+    for group in plan.groups:
+        check_name(group.name, f"{path}: group")
+        for shot in group.shots:
+            if plan.kind == "grid":
+                check_name(shot.shot, f"{path}: shot")
+            if shot.shot in seen or shot.kind not in get_args(Kind):
+                raise InputError(f"{path}: shot '{shot.shot}' stands twice or is of no known kind")
+            if shot.light is not None and not 0 <= shot.light < len(plan.lights):
+                raise InputError(f"{path}: shot '{shot.shot}' names light {shot.light}, which is not there")
+            seen.add(shot.shot)
+
+
+def _as_json(plan: Plan) -> dict[str, Any]:
+    value: dict[str, Any] = json.loads(json.dumps({"version": VERSION, **asdict(plan)}))
+    return value
+
+
+def _light(value: dict[str, Any]) -> PlanLight:
+    grid, position = value.get("grid"), value.get("position_mm")
+    return PlanLight(
+        value["index"],
+        value["name"],
+        value["theta"],
+        value["phi"],
+        _vector(value["direction"]),
+        (grid[0], grid[1]) if grid else None,
+        _vector(position) if position else None,
+    )
+
+
+def _group(value: dict[str, Any]) -> Group:
+    shots = (Shot(s["shot"], s["kind"], s["light"], s["theta"], s["phi"]) for s in value["shots"])
+    return Group(value["name"], tuple(value["lights"]), tuple(shots))
+
+
+def _vector(value: list[float]) -> Vector:
+    x, y, z = value
+    return x, y, z

@@ -1,0 +1,241 @@
+"""Render a Mitsuba scene with Kinran materials to a linear EXR and a PNG to look at.
+
+Needs no Python from its user: `kinran render scene.xml` registers the BSDF, as Mitsuba's own command cannot.
+"""
+
+import argparse
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from kinran.exr import write_rgb
+from kinran.files import InputError, atomic, write_json
+
+Picture = NDArray[np.float32]
+
+PASS = 8  # samples a pixel between two lines of progress
+SHOULDER = 0.7  # linear value above which highlights roll off
+SWEEP_SIZE, SWEEP_SPP, SWEEP_ANGLE = (240, 180), 24, 50.0
+PROBE = (
+    "import mitsuba as mi; mi.set_variant('llvm_ad_rgb'); import drjit as dr; "
+    "print(dr.maximum(mi.Float(1, 2), mi.Float(2, 1)))"
+)
+
+
+def choose_variant() -> str:
+    """`llvm_ad_rgb`, or `scalar_rgb` with a warning where LLVM does not work.
+
+    LLVM 15 and 16 abort the process at the first maximum, which nothing can catch: so another one tries it.
+    """
+    probe = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, text=True)
+    if probe.returncode == 0:
+        return "llvm_ad_rgb"
+    reason = (probe.stderr.strip().splitlines() or [f"exit status {probe.returncode}"])[-1]
+    _say(
+        f"warning: LLVM cannot be used ({reason}); rendering with scalar_rgb, about 100 times slower; "
+        "install libllvm19 and run kinran doctor"
+    )
+    return "scalar_rgb"
+
+
+def use_variant(variant: str | None) -> Any:
+    """Mitsuba with a variant set and the `kinran` BSDF registered.
+
+    Raises
+    ------
+    InputError
+        The variant does not exist.
+    """
+    import mitsuba as mi
+
+    name = variant or choose_variant()
+    if name not in mi.variants():
+        raise InputError(f"variant '{name}': Mitsuba has only {', '.join(mi.variants())}")
+    mi.set_variant(name)
+    import kinran_bsdf  # noqa: F401  registers itself
+
+    return mi
+
+
+def load(path: Path, **parameters: Any) -> Any:
+    """Load a scene with the current variant.
+
+    Raises
+    ------
+    InputError
+        The file is missing or Mitsuba refuses it.
+    """
+    import mitsuba as mi
+
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    try:
+        return mi.load_file(str(path), **parameters)
+    except Exception as error:  # Mitsuba raises bare RuntimeError
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: Mitsuba cannot load it ({reason})") from None
+
+
+def render(scene: Any, spp: int, progress: Callable[[int], None] = lambda done: None) -> Picture:
+    """Render in passes and average them.
+
+    Parameters
+    ----------
+    scene
+        A loaded Mitsuba scene.
+    spp
+        Samples a pixel; rounded up to whole passes of 8 above 8.
+    progress
+        Called with the number of samples done after each pass.
+
+    Returns
+    -------
+    (y, x, 3) float32
+        Linear Rec.709 radiance, top row first.
+    """
+    import mitsuba as mi
+
+    size = min(spp, PASS)
+    passes = -(-spp // size)
+    total: NDArray[np.float64] | None = None
+    for k in range(passes):
+        picture = np.array(mi.render(scene, spp=size, seed=k), np.float64)[..., :3]
+        total = picture if total is None else total + picture
+        progress((k + 1) * size)
+    assert total is not None
+    return (total / passes).astype(np.float32)
+
+
+def develop(picture: Picture, exposure: float = 1.0) -> NDArray[np.uint8]:
+    """An 8-bit sRGB picture of linear radiance.
+
+    Parameters
+    ----------
+    picture : (y, x, 3) float
+    exposure
+        Factor; 1 shows a radiance of 0.7 and less as it is.
+
+    Returns
+    -------
+    (y, x, 3) uint8
+        Above the shoulder s = 0.7 a channel x becomes s + (1 - s)(1 - exp(-(x - s) / (1 - s))): it keeps its
+        slope at s and nears 1 without reaching it, as film does, so that glints keep some of their shape and
+        colour. Then the sRGB curve (IEC 61966-2-1).
+    """
+    x = np.maximum(np.asarray(picture, np.float64) * exposure, 0)
+    room = 1 - SHOULDER
+    x = np.where(x > SHOULDER, SHOULDER + room * -np.expm1(-np.maximum(x - SHOULDER, 0) / room), x)
+    encoded = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+    return np.asarray(np.rint(encoded * 255), np.uint8)
+
+
+def _write_png(path: Path, image: Image.Image) -> None:
+    with atomic(path) as temporary:
+        image.save(temporary)
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def picture(scene_file: Path, out: Path, spp: int | None = None, variant: str | None = None) -> None:
+    """Render a scene file to `out` (linear EXR), and beside it a PNG and a JSON with time and samples.
+
+    Raises
+    ------
+    InputError
+        The scene cannot be loaded, or the number of samples is no positive number.
+    """
+    if spp is not None and spp < 1:
+        raise InputError(f"--spp {spp}: use at least one sample a pixel")
+    start = time.perf_counter()
+    mi = use_variant(variant)
+    scene = load(scene_file)
+    loaded = time.perf_counter()
+    samples = spp or int(scene.sensors()[0].sampler().sample_count())
+
+    def progress(done: int) -> None:
+        _say(f"render {scene_file.name}: {done}/{samples} samples, {time.perf_counter() - loaded:.1f} s")
+
+    image = render(scene, samples, progress)
+    rendered = time.perf_counter()
+    if not np.isfinite(image).all():
+        raise InputError(
+            f"{scene_file}: renders to values that are not finite; check its material and lights"
+        )
+    write_rgb(out, image)
+    _write_png(out.with_suffix(".png"), Image.fromarray(develop(image)))
+    write_json(
+        out.with_suffix(".json"),
+        {
+            "scene": scene_file.name,
+            "variant": mi.variant(),
+            "width": image.shape[1],
+            "height": image.shape[0],
+            "spp": samples,
+            "seconds_load": round(loaded - start, 3),
+            "seconds_render": round(rendered - loaded, 3),
+        },
+    )
+
+
+def sweep(scene_file: Path, out: Path, frames: int, variant: str | None = None) -> None:
+    """Write a contact sheet: the key light moved along the weft (upper row) and along the warp (lower row).
+
+    On cloth that hangs in folds along the warp, glints cross the folds to the right as the light moves to the
+    right; the lobes of the material decide how they answer a light that moves up. A frame that is mirrored or
+    turned shows as glints that run the other way.
+
+    Parameters
+    ----------
+    scene_file
+        Scene with defaults `key_weft` and `key_warp` in degrees, `width` and `height`.
+    out
+        PNG to write.
+    frames
+        Frames a row, from -50° to 50°.
+
+    Raises
+    ------
+    InputError
+        The scene cannot be loaded or lacks one of the defaults.
+    """
+    if frames < 2:
+        raise InputError(f"--sweep {frames}: a sweep has at least two frames")
+    use_variant(variant)
+    width, height = SWEEP_SIZE
+    sheet = Image.new("RGB", (frames * width, 2 * height))
+    draw = ImageDraw.Draw(sheet)
+    for row, axis in enumerate(("weft", "warp")):
+        for column, angle in enumerate(np.linspace(-SWEEP_ANGLE, SWEEP_ANGLE, frames)):
+            light = {"key_weft": "0", "key_warp": "0", f"key_{axis}": f"{angle:.3f}"}
+            scene = load(scene_file, **light, width=str(width), height=str(height))
+            corner = (column * width, row * height)
+            sheet.paste(Image.fromarray(develop(render(scene, SWEEP_SPP))), corner)
+            draw.text((corner[0] + 5, corner[1] + 4), f"{axis} {angle:+.0f}°", fill="white")
+            _say(f"sweep {scene_file.name}: {row * frames + column + 1}/{2 * frames} frames")
+    _write_png(out, sheet)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", type=Path, help="Mitsuba scene (XML)")
+    parser.add_argument("--out", type=Path, help="EXR to write; beside the scene under its name if not given")
+    parser.add_argument("--spp", type=int, help="samples a pixel; the scene's own number if not given")
+    parser.add_argument("--variant", help="Mitsuba variant; llvm_ad_rgb where it works if not given")
+    parser.add_argument("--sweep", type=int, metavar="N",
+                        help="instead, a contact sheet (PNG) of 2 × N frames, the light moved")  # fmt: skip
+
+
+def main(args: argparse.Namespace) -> None:
+    if args.sweep is not None:
+        out = args.out or args.scene.with_name(f"{args.scene.stem}_sweep.png")
+        sweep(args.scene, out.with_suffix(".png"), args.sweep, args.variant)
+    else:
+        picture(args.scene, args.out or args.scene.with_suffix(".exr"), args.spp, args.variant)

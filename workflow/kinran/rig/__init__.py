@@ -1,0 +1,1 @@
+"""The rig: a goniometer that speaks HID and a camera."""

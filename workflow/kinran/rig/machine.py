@@ -1,0 +1,358 @@
+"""The body of the simulated goniometer: arms, lamp, shutter and jobs on a virtual clock.
+
+Time passes only through `Machine.advance`. What a camera before it would see is public: `pose`,
+`lamp_output`, `shutter_open`.
+"""
+
+import math
+import struct
+import zlib
+from collections import deque
+from collections.abc import Callable, Iterable
+
+from kinran.rig.motion import AXES, move_time, travel_time, travelled
+from kinran.rig.protocol import Config, Expose, Fault, Flag, Four, JobState, Move, Opcode, State, Status
+
+WARM_UP_S = 1800.0
+HOMING_S = 5.0
+PHOTODIODE = 100_000
+CLEARANCE_MDEG = 8_000
+NO_AXIS = 0xFF
+_ALL_AXES = 0b1111
+_IDLE_EVENT_S, _MOVING_EVENT_S = 1.0, 0.1
+
+
+class Machine:
+    """The body.
+
+    Parameters
+    ----------
+    seed
+        Seeds the small errors of mechanics and encoders; the same target always gets the same ones.
+
+    Attributes
+    ----------
+    lamp_factor
+        What the lamp gives of its nominal light; for tests.
+    release
+        What the camera's release line fires: takes the shutter time.
+    jobs_done
+        Jobs that came to their end, with the pose there.
+    """
+
+    def __init__(self, seed: int = 0) -> None:
+        self.seed = seed
+        self.lamp_factor = 1.0
+        self.release: Callable[[float], None] | None = None
+        self.jobs_done: list[tuple[Opcode, Four]] = []
+        self._now = 0.0
+        self._start: tuple[float, ...] = (20_000.0, 15_000.0, 0.0, 0.0)
+        self._config = Config(
+            low=_four(axis.low for axis in AXES),
+            high=_four(axis.high for axis in AXES),
+            speeds=_four(axis.speed // 10 for axis in AXES),
+            accelerations=_four(axis.acceleration // 1000 for axis in AXES),
+            watchdog_ms=2000,
+        )
+        self._reset()
+
+    def _reset(self) -> None:
+        """As after switching on: pose unknown, lamp off."""
+        self._booted = self._fed = self._now
+        self._end = self._start
+        self._encoder_error: tuple[float, ...] = (0.0,) * 4
+        self._homed = self._homing = 0
+        self._job = 0
+        self._opcode = Opcode.NOP
+        self._job_state = JobState.IDLE
+        self._job_start = 0.0
+        self._job_end = self._stall_at = math.inf
+        self._releases: deque[tuple[float, float]] = deque()
+        self._fault, self._fault_axis = Fault.NONE, NO_AXIS
+        self._interlock = False
+        self._lit_at: float | None = None
+        self._shutter, self._shutter_since, self._shutter_until = False, 0.0, math.inf
+        self._photodiode = 0
+        self._exposures = self._batch = self._events = 0
+        self._watchdog_s = 0.0
+        self._next_event = self._now + _IDLE_EVENT_S
+
+    def on_event(self) -> None:
+        """Tell the host."""
+
+    # -- what stands before the camera ---------------------------------------------------------------
+
+    @property
+    def clock(self) -> float:
+        """Seconds since the simulation began."""
+        return self._now
+
+    @property
+    def uptime(self) -> float:
+        """Seconds since the firmware started."""
+        return self._now - self._booted
+
+    @property
+    def pose(self) -> tuple[float, ...]:
+        """True pose in millidegrees: light θ, light φ, camera θ, camera φ."""
+        if self._job_state is not JobState.RUNNING or self._start == self._end:
+            return self._start
+        f = self._fraction()
+        return tuple(a + (b - a) * f for a, b in zip(self._start, self._end, strict=True))
+
+    @property
+    def lamp_on(self) -> bool:
+        """Whether the lamp burns."""
+        return self._lit_at is not None
+
+    @property
+    def shutter_open(self) -> bool:
+        """Whether the lamp's shutter is open."""
+        return self._shutter
+
+    @property
+    def lamp_seconds(self) -> float:
+        """Seconds since the lamp was lit; 0 while it is off."""
+        return 0.0 if self._lit_at is None else self._now - self._lit_at
+
+    @property
+    def lamp_output(self) -> float:
+        """Relative light of the lamp: 1 is nominal, 0 is off; it warms up, breathes and ages."""
+        return lamp_output(self.lamp_seconds) * self.lamp_factor if self.lamp_on else 0.0
+
+    def sync(self) -> None:
+        """An X-sync edge from the camera: one exposure was taken."""
+        self._exposures += 1
+
+    # -- faults from outside -------------------------------------------------------------------------
+
+    def trip(self, fault: Fault, axis: int = NO_AXIS) -> None:
+        """Latch a fault: motion stops, the shutter closes, the lamp stays lit unless it is the lamp."""
+        self._halt(JobState.FAULTED)
+        self._fault, self._fault_axis = fault, axis
+        self._close()
+        if fault is Fault.LAMP_OUT:
+            self._lit_at = None
+        self._emit_event()
+
+    def set_interlock(self, is_open: bool) -> None:
+        """Open or close the door."""
+        self._interlock = is_open
+        if is_open:
+            self.trip(Fault.INTERLOCK)
+
+    # -- time ----------------------------------------------------------------------------------------
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass, with all that falls due in it."""
+        until = self._now + seconds
+        while True:
+            due, act = min(self._timers(), key=lambda timer: timer[0])
+            if due > until:
+                break
+            self._now = max(self._now, due)
+            act()
+        self._now = until
+
+    def next_due(self) -> float:
+        """Clock of the next thing that happens by itself."""
+        return min(due for due, _ in self._timers())
+
+    def _timers(self) -> list[tuple[float, Callable[[], None]]]:
+        timers: list[tuple[float, Callable[[], None]]] = [
+            (self._next_event, self._emit_event),
+            (self._job_end, self._finish),
+            (self._stall_at, self._stall),
+            (self._shutter_until, self._close),
+        ]
+        busy = self._job_state is JobState.RUNNING or self._shutter
+        if busy and self._watchdog_s and not self._fault:
+            timers.append((self._fed + self._watchdog_s, lambda: self.trip(Fault.WATCHDOG)))
+        if self._releases:
+            timers.append((self._releases[0][0], self._fire))
+        return timers
+
+    # -- state ---------------------------------------------------------------------------------------
+
+    def state(self) -> State:
+        """The STATUS block."""
+        flags = self._homed << Flag.HOMED
+        if self._job_state is JobState.RUNNING:
+            moving = (a != b for a, b in zip(self._start, self._end, strict=True))
+            flags |= sum(m << (Flag.MOVING + i) for i, m in enumerate(moving))
+        flags |= self._shutter << Flag.SHUTTER | self.lamp_on << Flag.LAMP
+        flags |= (self._watchdog_s > 0) << Flag.WATCHDOG | (self._fault != 0) << Flag.FAULT
+        flags |= self._interlock << Flag.INTERLOCK
+        flags |= (self.lamp_seconds >= WARM_UP_S) << Flag.LAMP_WARM
+        return State(
+            uptime_ms=int(self.uptime * 1000) & 0xFFFFFFFF,
+            position=self._encoders(),
+            flags=flags,
+            fault=self._fault,
+            fault_axis=self._fault_axis,
+            job=self._job,
+            job_state=self._job_state,
+            batch=self._batch,
+            exposures=self._exposures,
+            photodiode=self._photodiode,
+            event=self._events,
+        )
+
+    def _encoders(self) -> Four:
+        pairs = zip(self.pose, self._encoder_error, strict=True)
+        return _four(round(p + e) if self._homed >> i & 1 else 0 for i, (p, e) in enumerate(pairs))
+
+    def _emit_event(self) -> None:
+        self._events += 1
+        running = self._job_state is JobState.RUNNING
+        self._next_event = self._now + (_MOVING_EVENT_S if running else _IDLE_EVENT_S)
+        self.on_event()
+
+    # -- commands ------------------------------------------------------------------------------------
+
+    def _clear(self, seen: int) -> Status:
+        if seen != self._fault or (self._fault is Fault.INTERLOCK and self._interlock):
+            return Status.BAD_ARG
+        self._fault, self._fault_axis = Fault.NONE, NO_AXIS
+        self._job_state = JobState.IDLE
+        return Status.OK
+
+    def _home(self, mask: int) -> Status:
+        end = tuple(self._rest(i, 0) if mask >> i & 1 else at for i, at in enumerate(self._start))
+        self._homing = mask
+        return self._run(Opcode.HOME, end, HOMING_S)
+
+    def _move(self, move: Move, validate: bool) -> Status:
+        if move.mask & ~self._homed:
+            return Status.NOT_HOMED
+        axes = [i for i in range(4) if move.mask >> i & 1]
+        if any(not self._config.low[i] <= move.targets[i] <= self._config.high[i] for i in axes):
+            return Status.LIMIT
+        end = tuple(self._rest(i, move.targets[i]) if i in axes else self._start[i] for i in range(4))
+        if _collides(self._start, end):
+            return Status.COLLISION
+        if validate:
+            return Status.OK
+        errors = list(self._encoder_error)
+        for i in axes:
+            errors[i] = 2 * self._jitter(i, move.targets[i], b"encoder")
+        self._encoder_error = tuple(errors)
+        seconds = move_time(self._start, end)
+        return self._run(Opcode.MOVE, end, seconds + move.settle_ms / 1000)
+
+    def _set_lamp(self, on: int) -> Status:
+        if not on:
+            self._lit_at = None
+        elif self._lit_at is None:
+            self._lit_at = self._now
+        return Status.OK
+
+    def _open(self, seconds: float) -> Status:
+        if seconds <= 0:
+            return Status.BAD_ARG
+        if not self._shutter:
+            self._shutter, self._shutter_since = True, self._now
+        self._shutter_until = self._now + seconds
+        return Status.OK
+
+    def _close(self) -> None:
+        if self._shutter:
+            middle = (self._now - self._shutter_since) / 2
+            self._photodiode = self._measure(middle)
+        self._shutter, self._shutter_until = False, math.inf
+
+    def _expose(self, batch: Expose) -> Status:
+        at = self._now
+        self._releases.clear()
+        for time_us in batch.open_us:
+            self._releases.append((at, time_us / 1e6))
+            at += time_us / 1e6 + batch.gap_ms / 1000
+        self._batch = 0
+        return self._run(Opcode.EXPOSE, self._start, at - self._now)
+
+    def _fire(self) -> None:
+        _, seconds = self._releases.popleft()
+        before = self._exposures
+        if self.release is not None:
+            self.release(seconds)
+        if self._exposures == before:
+            self._releases.clear()
+            self.trip(Fault.XSYNC_MISSING)
+        else:
+            self._batch += 1
+
+    # -- jobs ----------------------------------------------------------------------------------------
+
+    def _run(self, opcode: Opcode, end: tuple[float, ...], seconds: float) -> Status:
+        self._job = self._job % 255 + 1
+        self._opcode, self._job_state = opcode, JobState.RUNNING
+        self._job_start, self._job_end = self._now, self._now + seconds
+        self._end = end
+        self._next_event = self._now + _MOVING_EVENT_S
+        return Status.ACCEPTED
+
+    def _finish(self) -> None:
+        self._job_end = math.inf
+        self._job_state = JobState.DONE
+        self._start = self._end
+        if self._opcode is Opcode.HOME:
+            self._homed |= self._homing & _ALL_AXES
+        if self._opcode is Opcode.INTENSITY:
+            self._photodiode = self._measure((self._now - self._job_start) / 2)
+        self.jobs_done.append((self._opcode, _four(round(p) for p in self._start)))
+        self._emit_event()
+
+    def _stall(self) -> None:
+        moved = [abs(b - a) for a, b in zip(self._start, self._end, strict=True)]
+        self.trip(Fault.STALL, moved.index(max(moved)))
+
+    def _halt(self, state: JobState) -> None:
+        if self._job_state is JobState.RUNNING:
+            self._start = self.pose
+            self._job_state = state
+        self._end = self._start
+        self._job_end = self._stall_at = math.inf
+        self._releases.clear()
+
+    def _fraction(self) -> float:
+        """Of the path of the running job; the slowest axis sets the pace."""
+        paths = [
+            (travel_time(b - a, axis.speed, axis.acceleration), b - a, axis)
+            for a, b, axis in zip(self._start, self._end, AXES, strict=True)
+        ]
+        _, distance, axis = max(paths, key=lambda path: path[0])
+        return travelled(distance, axis.speed, axis.acceleration, self._now - self._job_start)
+
+    def _rest(self, axis: int, target: int) -> float:
+        return target + 3 * self._jitter(axis, target, b"mechanics")
+
+    def _jitter(self, axis: int, target: int, salt: bytes) -> float:
+        """A number in [-1, 1] that belongs to this target."""
+        digest = zlib.crc32(struct.pack("<qBi", self.seed, axis, target) + salt)
+        return digest / 0x7FFFFFFF - 1
+
+    def _measure(self, ago: float) -> int:
+        if self._lit_at is None:
+            return 0
+        return round(PHOTODIODE * lamp_output(self.lamp_seconds - ago) * self.lamp_factor)
+
+
+def lamp_output(seconds: float) -> float:
+    """Relative light of the simulated xenon lamp, `seconds` after it was lit; near 1 once warm."""
+    warming = -0.15 * math.exp(-seconds / 300)
+    breathing = 0.004 * math.sin(2 * math.pi * seconds / 1500) + 0.002 * math.sin(seconds / 37)
+    ageing = -0.01 * seconds / 36_000
+    return 1 + warming + breathing + ageing
+
+
+def _collides(start: tuple[float, ...], end: tuple[float, ...]) -> bool:
+    """Whether the light arm meets the camera arm on the way; at its rest on N the camera is out of reach."""
+    if max(abs(start[2]), abs(end[2])) < 1000:
+        return False
+    before, after = start[0] - start[2], end[0] - end[2]
+    return before * after <= 0 or min(abs(before), abs(after)) < CLEARANCE_MDEG
+
+
+def _four(values: Iterable[int]) -> Four:
+    a, b, c, d = values
+    return a, b, c, d

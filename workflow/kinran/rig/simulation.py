@@ -1,0 +1,62 @@
+"""A simulated rig and its camera, put together so that time and X-sync pass between them."""
+
+from pathlib import Path
+
+from kinran.rig.camera import Camera
+from kinran.rig.firmware import Firmware
+from kinran.rig.goniometer import Goniometer
+from kinran.rig.transport import Backend, SimulatedHid
+
+FRAME_S = 1.0
+"""Seconds that a frame takes besides its exposure: the floor of libgphoto2."""
+
+_SLICE_S = 1.0
+
+
+def simulated_goniometer(firmware: Firmware, backend: Backend = "hidraw") -> Goniometer:
+    """The driver on a simulated rig, living on its virtual clock."""
+    return Goniometer(SimulatedHid(firmware, backend), clock=lambda: firmware.clock, live=False)
+
+
+class PacedCamera:
+    """A simulated camera whose exposures take the rig's time, and whose X-sync socket is wired to the rig.
+
+    Parameters
+    ----------
+    camera
+        The camera itself.
+    firmware, rig
+        The simulated rig, and its driver, whose heartbeat is kept up while the camera works.
+    """
+
+    def __init__(self, camera: Camera, firmware: Firmware, rig: Goniometer) -> None:
+        self.suffix = camera.suffix
+        self._camera = camera
+        self._firmware = firmware
+        self._rig = rig
+
+    def place(self, subject: str) -> None:
+        """As `Camera.place`."""
+        self._camera.place(subject)
+
+    def expose(self, seconds: float) -> None:
+        """As `Camera.expose`."""
+        self._camera.expose(seconds)
+        self._firmware.sync()
+        left = seconds + FRAME_S
+        while left > 0:
+            self._firmware.advance(min(left, _SLICE_S))
+            self._rig.ping()
+            left -= _SLICE_S
+
+    def card(self) -> list[str]:
+        """As `Camera.card`."""
+        return self._camera.card()
+
+    def download(self, name: str, to: Path) -> None:
+        """As `Camera.download`."""
+        self._camera.download(name, to)
+
+    def delete(self, name: str) -> None:
+        """As `Camera.delete`."""
+        self._camera.delete(name)

@@ -1,0 +1,221 @@
+"""HID handles: the real device through hidapi, and the simulated one with hidapi's habits.
+
+hidapi reports a failed write as -1 without an exception, a timed-out read as [], and blocks for ever on
+``read(n)`` and ``read(n, 0)``: a time-out is never left out here.
+"""
+
+import fcntl
+import importlib
+import os
+import sys
+import tempfile
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+from kinran.rig.firmware import Firmware
+
+VENDOR, PRODUCT = 0x1209, 0x0001
+"""The test pair of pid.codes; the real pair comes from the configuration."""
+
+UDEV_RULE = "70-kinran-rig.rules"
+Backend = Literal["hidraw", "libusb"]
+
+
+class TransportError(Exception):
+    """No handle could be opened; the message says why and what to do."""
+
+
+class Handle(Protocol):
+    """What the driver needs of a HID handle: the methods of ``hid.device``."""
+
+    def write(self, data: bytes) -> int:
+        """Send an output report; the number of bytes, or -1."""
+
+    def read(self, max_length: int, timeout_ms: int) -> list[int]:
+        """Next input report, or [] after the time-out."""
+
+    def send_feature_report(self, data: bytes) -> int:
+        """Set a feature; the number of bytes, or -1."""
+
+    def get_feature_report(self, report_num: int, max_length: int) -> list[int]:
+        """Get a feature.
+
+        Raises
+        ------
+        OSError
+            The device did not answer.
+        """
+
+    def close(self) -> None:
+        """Close the handle."""
+
+
+def hid_module() -> Any:
+    """The module of hidapi: ``hidraw`` (the kernel's driver, in the Linux wheel) or else ``hid``.
+
+    Raises
+    ------
+    TransportError
+        Neither is there, or another package's ``hid`` hides it.
+    """
+    names = ["hidraw", "hid"] if sys.platform == "linux" else ["hid"]
+    for name in names:
+        try:
+            module = importlib.import_module(name)
+        except ImportError:
+            continue
+        if hasattr(module, "device") and hasattr(module, "version_str"):
+            return module
+    raise TransportError(
+        "Python's module 'hid' is not hidapi's; run: pip uninstall hid; pip install --force-reinstall hidapi"
+    )
+
+
+def open_hid(serial: str | None = None, vendor: int = VENDOR, product: int = PRODUCT) -> tuple[Handle, str]:
+    """Open the rig with this serial number, or the only one.
+
+    Returns
+    -------
+    (Handle, str)
+        The handle and the serial number.
+
+    Raises
+    ------
+    TransportError
+        None is connected, several are and no serial number was given, or this user may not open it.
+    """
+    module = hid_module()
+    found = module.enumerate(vendor, product)
+    pair = f"{vendor:04x}:{product:04x}"
+    names = ", ".join(info["serial_number"] or "?" for info in found)
+    fitting = [info for info in found if serial in (None, info["serial_number"])]
+    if not found:
+        raise TransportError(f"no rig ({pair}) is connected; check its cable and power")
+    if not fitting:
+        raise TransportError(f"no rig ({pair}) has the serial number {serial}; connected: {names}")
+    if len(fitting) > 1:
+        raise TransportError(f"several rigs ({pair}) are connected: {names}; give --serial")
+    device = module.device()
+    try:
+        device.open_path(fitting[0]["path"])
+    except OSError:
+        raise TransportError(
+            f"the rig at {fitting[0]['path'].decode(errors='replace')} cannot be opened;"
+            f" install the udev rule {UDEV_RULE} of docs/rig.md and join its group,"
+            " or end the program that holds it"
+        ) from None
+    handle: Handle = device
+    return handle, fitting[0]["serial_number"]
+
+
+@contextmanager
+def rig_lock(serial: str) -> Iterator[None]:
+    """Hold the rig for this process: hidraw would let two programs drive it.
+
+    Raises
+    ------
+    TransportError
+        Another program has it.
+    """
+    folder = Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir())
+    name = "".join(c if c.isalnum() or c in "-_" else "_" for c in serial)
+    path = folder / f"kinran-rig-{name}.lock"
+    try:
+        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+    except OSError as error:
+        raise TransportError(
+            f"{path}: the rig's lock cannot be opened ({error.strerror}); remove it"
+        ) from None
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    except BlockingIOError:
+        raise TransportError(f"another program drives the rig {serial}; end it first") from None
+    finally:
+        os.close(file)
+
+
+class SimulatedHid:
+    """A handle on a simulated rig, with the habits of one of hidapi's Linux back-ends.
+
+    Waiting passes the virtual time of the firmware, so that nothing here takes real time.
+    """
+
+    def __init__(self, firmware: Firmware, backend: Backend = "hidraw") -> None:
+        self.firmware = firmware
+        self.backend = backend
+        self.lost = 0
+        self._queue: deque[bytes] = deque()
+        self._open = True
+
+    def write(self, data: bytes) -> int:
+        """Send an output report."""
+        self._check_open()
+        if not self.firmware.plugged or len(data) < (2 if self.backend == "hidraw" else 1):
+            return -1
+        self.firmware.on_output(bytes(data))
+        if not self.firmware.plugged:
+            return -1
+        self.firmware.advance(0.001)  # one interrupt interval
+        return len(data)
+
+    def read(self, max_length: int, timeout_ms: int = 0) -> list[int]:
+        """Next input report; a time-out of 0 would block for ever on a real handle and is an error here."""
+        self._check_open()
+        if timeout_ms <= 0:
+            raise RuntimeError("read without a time-out blocks for ever")
+        until = self.firmware.clock + timeout_ms / 1000
+        while True:
+            self._check_plugged("read error")
+            self._collect()
+            if self._queue:
+                return list(self._queue.popleft()[:max_length])
+            step = min(self.firmware.next_due(), until) - self.firmware.clock
+            self.firmware.advance(max(step, 0.0))
+            self._collect()
+            if not self._queue and self.firmware.clock >= until:
+                return []
+
+    def send_feature_report(self, data: bytes) -> int:
+        """Set a feature."""
+        self._check_open()
+        if not self.firmware.plugged or not self.firmware.set_feature(bytes(data)):
+            return -1
+        return len(data)
+
+    def get_feature_report(self, report_num: int, max_length: int) -> list[int]:
+        """Get a feature; an unanswered request takes 5 s (hidraw) or 1 s (libusb)."""
+        self._check_open()
+        self._check_plugged("get feature error")
+        answer = self.firmware.get_feature(report_num)
+        if answer is None:
+            self.firmware.advance(5.0 if self.backend == "hidraw" else 1.0)
+            raise OSError("get feature error")
+        return list(answer[:max_length])
+
+    def close(self) -> None:
+        """Close the handle."""
+        self._open = False
+
+    def _check_open(self) -> None:
+        if not self._open:
+            raise ValueError("not open")
+
+    def _check_plugged(self, message: str) -> None:
+        if not self.firmware.plugged:
+            raise OSError(message)
+
+    def _collect(self) -> None:
+        """Take what the firmware sent; hidraw keeps the oldest 63 reports, libusb the newest 32."""
+        outbox = self.firmware.outbox
+        while outbox:
+            self._queue.append(outbox.popleft())
+            if self.backend == "hidraw" and len(self._queue) > 63:
+                self._queue.pop()
+                self.lost += 1
+            if self.backend == "libusb" and len(self._queue) > 32:
+                self._queue.popleft()
+                self.lost += 1

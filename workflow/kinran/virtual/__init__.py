@@ -1,0 +1,1 @@
+"""The virtual rig: a path-traced woven fabric before a simulated camera."""

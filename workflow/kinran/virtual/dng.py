@@ -1,0 +1,66 @@
+"""Write Bayer DNG files, as a camera does: uncompressed, with an optical-black border and EXIF."""
+
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+MODEL = "Virtual"
+# XYZ (D65) to camera, as DNG wants it; of the profile of a common APS-C camera, ×10⁴
+COLOUR_MATRIX = (7054, -1501, -990, -8156, 15544, 2812, -1278, 1414, 7796)
+
+
+def write_dng(
+    path: Path, bayer: NDArray[np.uint16], seconds: Fraction, border: int, black: int, white: int, when: str
+) -> None:
+    """Write one RGGB frame.
+
+    Parameters
+    ----------
+    path
+        File to write; not atomic.
+    bayer : (h, w) uint16
+        Counts, top row first; the first `border` rows are covered by a mask.
+    seconds
+        Shutter time for EXIF.
+    black, white
+        Levels for the tags.
+    when
+        EXIF date, ``YYYY:MM:DD HH:MM:SS``.
+    """
+    height, width = bayer.shape
+    matrix = [part for value in COLOUR_MATRIX for part in (value, 10_000)]
+    tags: list[tuple[int, str, int, Any, bool]] = [
+        (50706, "B", 4, bytes([1, 4, 0, 0]), True),  # DNGVersion
+        (50707, "B", 4, bytes([1, 1, 0, 0]), True),  # DNGBackwardVersion
+        (50708, "s", 0, MODEL, True),  # UniqueCameraModel
+        (271, "s", 0, "Kinran", True),  # Make
+        (272, "s", 0, MODEL, True),
+        (33421, "H", 2, (2, 2), True),  # CFARepeatPatternDim
+        (33422, "B", 4, bytes([0, 1, 1, 2]), True),  # CFAPattern RGGB
+        (50711, "H", 1, 1, True),  # CFALayout: rectangular
+        (50829, "I", 4, (border, 0, height, width), True),  # ActiveArea
+        (50714, "H", 1, black, True),
+        (50717, "H", 1, white, True),
+        (50721, "2i", 9, matrix, True),  # ColorMatrix1
+        (50728, "2I", 3, [1, 1, 1, 1, 1, 1], True),  # AsShotNeutral
+        (50778, "H", 1, 21, True),  # CalibrationIlluminant1: D65
+        (33434, "2I", 1, (seconds.numerator, seconds.denominator), True),
+        (34855, "H", 1, 100, True),  # ISO
+        (33437, "2I", 1, (8, 1), True),  # aperture
+        (36867, "s", 0, when, True),
+        (306, "s", 0, when, True),
+    ]
+    tifffile.imwrite(
+        path,
+        bayer,
+        photometric=32803,
+        planarconfig=1,
+        rowsperstrip=height,
+        extratags=tags,
+        metadata=None,
+        software=None,
+    )

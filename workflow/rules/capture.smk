@@ -1,0 +1,44 @@
+rule plan:
+    output:
+        "captures/{fabric}/plan.json",
+    log:
+        "logs/{fabric}/plan.log",
+    wildcard_constraints:
+        fabric=any_of(rig_fabrics),
+    params:
+        thetas=",".join(f"{theta:g}" for theta in config["rig"]["thetas"]),
+        phis=config["rig"]["phis"],
+        exposures=",".join(f"{1 / rate:.9g}" for rate in config["rig"]["exposures"]),
+        meridians=config["rig"]["meridians"],
+        lamp=config["rig"]["lamp_mm"],
+        field=config["rig"]["field_mm"],
+        code=digest("kinran.plan"),
+    localrule: True
+    shell:
+        "python -m kinran plan --fabric {wildcards.fabric} --thetas {params.thetas} --phis {params.phis}"
+        " --exposures {params.exposures} --meridians {params.meridians} --lamp-mm {params.lamp}"
+        " --field-mm {params.field} {output} 2>&1 | tee {log}"
+
+
+rule capture:
+    input:
+        "captures/{fabric}/plan.json",
+    output:
+        update("captures/{fabric}/groups/{group}.json"),
+    log:
+        "logs/{fabric}/capture/{group}.log",
+    wildcard_constraints:
+        fabric=any_of(rig_fabrics),
+    benchmark:
+        "results/{fabric}/benchmarks/capture.{group}.tsv"
+    threads: workflow.cores
+    resources:
+        rig=1,
+    params:
+        device=config["rig"]["device"],
+        virtual=virtual_rig,
+        revisions=revisions,
+    localrule: True
+    shell:
+        "python -m kinran capture --plan {input:q} --group {wildcards.group} --device {params.device}"
+        " --virtual {params.virtual:q} --revisions {params.revisions:q} {output:q} 2>&1 | tee {log}"

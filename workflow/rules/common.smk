@@ -1,0 +1,69 @@
+import json
+import sys
+from pathlib import Path
+
+from kinran.code import digest
+from kinran.config import read_fabrics, read_revisions
+from kinran.files import InputError
+from snakemake.exceptions import WorkflowError
+
+# jobs use the interpreter that runs Snakemake, with or without an activated environment
+# (a prefix of one's own replaces Snakemake's, so the strict mode is part of it)
+shell.prefix(f"set -euo pipefail; export PATH={Path(sys.executable).parent}:$PATH; ")
+
+try:
+    fabrics = read_fabrics(config)
+    revisions_of = read_revisions(config, fabrics)
+except InputError as error:
+    raise WorkflowError(str(error))
+
+rig_fabrics = [name for name, fabric in fabrics.items() if fabric.folder is None]
+set_fabrics = [name for name, fabric in fabrics.items() if fabric.folder is not None]
+models = list(dict.fromkeys([config["fit"]["model"], *config["fit"]["compare"]]))
+jobs = range(config["fit"]["jobs"])
+
+
+wildcard_constraints:
+    fabric="[a-z0-9][a-z0-9_-]*",
+    group="[0-9]+|calibration",
+    model="slope|takeda2008|lambert",
+    job="[0-9]+",
+
+
+def any_of(names):
+    """Pattern of these names, and of nothing where there are none."""
+    return "|".join(names) or "(?!)"
+
+
+def manifests(wildcards):
+    """Manifests of all groups of a fabric."""
+    groups = fabrics[wildcards.fabric].all_groups
+    return [f"captures/{wildcards.fabric}/groups/{group}.json" for group in groups]
+
+
+def calibration_manifest(wildcards):
+    """Manifest that the calibration is made from: dark, white and chart of the rig, the first photographs of a set."""
+    group = "calibration" if wildcards.fabric in rig_fabrics else "00"
+    return f"captures/{wildcards.fabric}/groups/{group}.json"
+
+
+def receipts(wildcards):
+    """Receipts of all merged groups of a fabric."""
+    groups = fabrics[wildcards.fabric].light_groups
+    return [f"results/{wildcards.fabric}/merged/{group}.json" for group in groups]
+
+
+def revisions(wildcards):
+    """Shots of a group to take again, as JSON."""
+    return revisions_of(wildcards.fabric, wildcards.group)
+
+
+def virtual_rig(wildcards):
+    """What the virtual camera looks at, as JSON; the same text for the same settings."""
+    settings = {**config["virtual"], "field_mm": config["rig"]["field_mm"], "lamp_mm": config["rig"]["lamp_mm"]}
+    return json.dumps(settings, sort_keys=True)
+
+
+def fitted_option(wildcards):
+    """Which regions get a lobe: all, or only the shiniest, which has the label 0."""
+    return "--fitted 0" if config["fit"]["regions"] == "shiniest" else ""

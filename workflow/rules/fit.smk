@@ -1,0 +1,124 @@
+rule segment:
+    input:
+        "results/{fabric}/radiance.zarr/zarr.json",
+    output:
+        labels="results/{fabric}/labels.exr",
+        regions="results/{fabric}/regions.json",
+        statistics="results/{fabric}/statistics.exr",
+    log:
+        "logs/{fabric}/segment.log",
+    benchmark:
+        "results/{fabric}/benchmarks/segment.tsv"
+    params:
+        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        regions=lambda wildcards: fabrics[wildcards.fabric].region_option,
+        code=digest("kinran.segment"),
+    shell:
+        "python -m kinran segment {output.labels:q} --stack {params.stack:q} {params.regions} --regions {output.regions:q}"
+        " --statistics {output.statistics:q} 2>&1 | tee {log}"
+
+
+rule prior:
+    input:
+        stack="results/{fabric}/radiance.zarr/zarr.json",
+        labels="results/{fabric}/labels.exr",
+        regions="results/{fabric}/regions.json",
+    output:
+        "results/{fabric}/fit/prior.json",
+    log:
+        "logs/{fabric}/prior.log",
+    benchmark:
+        "results/{fabric}/benchmarks/prior.tsv"
+    threads: workflow.cores
+    params:
+        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        code=digest("kinran.fit.prior"),
+    shell:
+        "python -m kinran prior {output:q} --stack {params.stack:q} --labels {input.labels:q}"
+        " --regions {input.regions:q} --threads {threads} 2>&1 | tee {log}"
+
+
+rule fit:
+    input:
+        stack="results/{fabric}/radiance.zarr/zarr.json",
+        labels="results/{fabric}/labels.exr",
+        prior=branch(
+            lambda wildcards: wildcards.model == "slope",
+            then="results/{fabric}/fit/prior.json",
+            otherwise=[],
+        ),
+    output:
+        temp("results/{fabric}/fit/{model}.{job}.npz"),
+    log:
+        "logs/{fabric}/fit/{model}.{job}.log",
+    benchmark:
+        "results/{fabric}/benchmarks/fit.{model}.{job}.tsv"
+    resources:
+        mem_mb=1500,
+        runtime=60,
+    params:
+        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        prior=lambda wildcards, input: f"--prior {input.prior}" if input.get("prior") else "",
+        fitted=fitted_option,
+        jobs=config["fit"]["jobs"],
+        code=digest("kinran.fit.tile"),
+    shell:
+        "python -m kinran fit {output:q} --stack {params.stack:q} --labels {input.labels:q} --model {wildcards.model}"
+        " {params.prior} {params.fitted} --tile {wildcards.job}/{params.jobs} --threads {threads}"
+        " 2>&1 | tee {log}"
+
+
+rule material:
+    input:
+        stack="results/{fabric}/radiance.zarr/zarr.json",
+        labels="results/{fabric}/labels.exr",
+        regions="results/{fabric}/regions.json",
+        runs=expand("results/{{fabric}}/fit/{{model}}.{job}.npz", job=jobs),
+    output:
+        material="results/{fabric}/fit/{model}.exr",
+        summary="results/{fabric}/fit/{model}.json",
+    log:
+        "logs/{fabric}/material/{model}.log",
+    params:
+        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        fitted=fitted_option,
+        code=digest("kinran.fit.join"),
+    shell:
+        "python -m kinran material {output.material:q} --stack {params.stack:q} --labels {input.labels:q}"
+        " --regions {input.regions:q} --model {wildcards.model} {params.fitted} --runs {input.runs:q}"
+        " --summary {output.summary:q} 2>&1 | tee {log}"
+
+
+rule choose:
+    input:
+        "results/{fabric}/fit/" + config["fit"]["model"] + ".exr",
+    output:
+        "results/{fabric}/material.exr",
+    log:
+        "logs/{fabric}/choose.log",
+    localrule: True
+    shell:
+        "cp {input:q} {output:q} 2>{log}"
+
+
+rule evaluate:
+    input:
+        stack="results/{fabric}/radiance.zarr/zarr.json",
+        labels="results/{fabric}/labels.exr",
+        regions="results/{fabric}/regions.json",
+        materials=expand("results/{{fabric}}/fit/{model}.exr", model=models),
+        summaries=expand("results/{{fabric}}/fit/{model}.json", model=models),
+    output:
+        errors="results/{fabric}/evaluation.json",
+        picture="results/{fabric}/evaluation.png",
+    log:
+        "logs/{fabric}/evaluate.log",
+    benchmark:
+        "results/{fabric}/benchmarks/evaluate.tsv"
+    params:
+        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        code=digest("kinran.evaluate"),
+    shell:
+        "python -m kinran evaluate {output.errors:q} --fabric {wildcards.fabric} --stack {params.stack:q}"
+        " --labels {input.labels:q} --regions {input.regions:q} --materials {input.materials:q}"
+        " --picture {output.picture:q} 2>&1 | tee {log}"

@@ -1,0 +1,34 @@
+rule ingest:
+    output:
+        "captures/{fabric}/plan.json",
+    log:
+        "logs/{fabric}/ingest.log",
+    wildcard_constraints:
+        fabric=any_of(set_fabrics),
+    params:
+        folder=lambda wildcards: fabrics[wildcards.fabric].folder,
+        encoding=lambda wildcards: fabrics[wildcards.fabric].encoding,
+        crop=lambda wildcards: fabrics[wildcards.fabric].crop,
+        holdout=config["holdout"],
+        code=digest("kinran.ingest"),
+    shell:
+        "python -m kinran ingest --folder {params.folder:q} --fabric {wildcards.fabric}"
+        " --encoding {params.encoding:q} --crop {params.crop:q} --holdout {params.holdout}"
+        " {output:q} 2>&1 | tee {log}"
+
+
+rule ingest_group:
+    input:
+        "captures/{fabric}/plan.json",
+    output:
+        "captures/{fabric}/groups/{group}.json",
+    log:
+        "logs/{fabric}/ingest/{group}.log",
+    wildcard_constraints:
+        fabric=any_of(set_fabrics),
+    params:
+        folder=lambda wildcards: fabrics[wildcards.fabric].folder,
+        code=digest("kinran.ingest"),
+    shell:
+        "python -m kinran ingest --folder {params.folder:q} --plan {input:q} --group {wildcards.group}"
+        " {output:q} 2>&1 | tee {log}"

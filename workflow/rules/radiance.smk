@@ -1,0 +1,60 @@
+rule calibrate:
+    input:
+        plan="captures/{fabric}/plan.json",
+        # one group alone, so that a direction shot again does not merge all groups again
+        manifest=calibration_manifest,
+    output:
+        "results/{fabric}/calibration.json",
+    log:
+        "logs/{fabric}/calibrate.log",
+    benchmark:
+        "results/{fabric}/benchmarks/calibrate.tsv"
+    params:
+        code=digest("kinran.calibrate"),
+    shell:
+        "python -m kinran calibrate --plan {input.plan:q} --manifests {input.manifest:q} {output:q}"
+        " 2>&1 | tee {log}"
+
+
+rule merge:
+    input:
+        plan="captures/{fabric}/plan.json",
+        calibration="results/{fabric}/calibration.json",
+        manifest="captures/{fabric}/groups/{group}.json",
+    output:
+        "results/{fabric}/merged/{group}.json",
+    log:
+        "logs/{fabric}/merge/{group}.log",
+    benchmark:
+        "results/{fabric}/benchmarks/merge.{group}.tsv"
+    resources:
+        mem_mb=1000,
+        runtime=20,
+    params:
+        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        code=digest("kinran.merge"),
+    shell:
+        "python -m kinran merge --plan {input.plan:q} --calibration {input.calibration:q}"
+        " --manifest {input.manifest:q} --receipt {output:q} {params.stack:q} 2>&1 | tee {log}"
+
+
+rule stack:
+    input:
+        plan="captures/{fabric}/plan.json",
+        calibration="results/{fabric}/calibration.json",
+        manifests=manifests,
+        receipts=receipts,
+    output:
+        "results/{fabric}/radiance.zarr/zarr.json",
+    log:
+        "logs/{fabric}/stack.log",
+    benchmark:
+        "results/{fabric}/benchmarks/stack.tsv"
+    params:
+        holdout=config["holdout"],
+        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        code=digest("kinran.assemble"),
+    shell:
+        "python -m kinran stack {params.stack:q} --plan {input.plan:q} --calibration {input.calibration:q}"
+        " --manifests {input.manifests:q} --receipts {input.receipts:q} --holdout {params.holdout}"
+        " 2>&1 | tee {log}"

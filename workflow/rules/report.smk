@@ -1,0 +1,40 @@
+rule report:
+    input:
+        plan="captures/{fabric}/plan.json",
+        manifests=manifests,
+        calibration="results/{fabric}/calibration.json",
+        stack="results/{fabric}/radiance.zarr/zarr.json",
+        labels="results/{fabric}/labels.exr",
+        regions="results/{fabric}/regions.json",
+        statistics="results/{fabric}/statistics.exr",
+        material="results/{fabric}/material.exr",
+        errors="results/{fabric}/evaluation.json",
+        picture="results/{fabric}/evaluation.png",
+        mesh="results/{fabric}/mesh.json",
+        render="results/{fabric}/render.png",
+        sweep="results/{fabric}/sweep.png",
+    output:
+        "results/{fabric}/report.html",
+    log:
+        "logs/{fabric}/report.log",
+    params:
+        results=subpath(output[0], parent=True),
+        captures=subpath(input.plan, parent=True),
+        code=digest("kinran.report"),
+    shell:
+        "python -m kinran report --fabric {wildcards.fabric} --results {params.results:q}"
+        " --captures {params.captures:q} {output:q} 2>&1 | tee {log}"
+
+
+rule overview:
+    input:
+        errors=expand("results/{fabric}/evaluation.json", fabric=fabrics),
+        reports=expand("results/{fabric}/report.html", fabric=fabrics),
+    output:
+        report("results/report.html", category="Overview"),
+    log:
+        "logs/overview.log",
+    params:
+        code=digest("kinran.report.overview"),
+    shell:
+        "python -m kinran overview {output:q} --errors {input.errors:q} 2>&1 | tee {log}"

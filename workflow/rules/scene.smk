@@ -1,0 +1,66 @@
+rule scan:
+    output:
+        "results/{fabric}/scan.ply",
+    log:
+        "logs/{fabric}/scan.log",
+    params:
+        source=config["scene"]["scan"],
+        code=digest("kinran.scan"),
+    shell:
+        "if [ {params.source:q} = generated ]; then python -m kinran scan {output:q};"
+        " else cp {params.source:q} {output:q}; fi 2>&1 | tee {log}"
+
+
+rule mesh:
+    input:
+        "results/{fabric}/scan.ply",
+    output:
+        mesh="results/{fabric}/scene/mesh.ply",
+        report="results/{fabric}/mesh.json",
+    log:
+        "logs/{fabric}/mesh.log",
+    benchmark:
+        "results/{fabric}/benchmarks/mesh.tsv"
+    params:
+        code=digest("kinran.mesh"),
+    shell:
+        "python -m kinran mesh {input:q} {output.mesh:q} --report {output.report:q} 2>&1 | tee {log}"
+
+
+rule scene:
+    input:
+        mesh="results/{fabric}/scene/mesh.ply",
+        material="results/{fabric}/material.exr",
+        template=config["scene"]["template"],
+    output:
+        "results/{fabric}/scene/scene.xml",
+    log:
+        "logs/{fabric}/scene.log",
+    params:
+        folder=subpath(output[0], parent=True),
+        code=digest("kinran.scene"),
+    shell:
+        "python -m kinran scene --template {input.template:q} --mesh {input.mesh:q}"
+        " --material {input.material:q} --out {params.folder:q} 2>&1 | tee {log}"
+
+
+rule render:
+    input:
+        "results/{fabric}/scene/scene.xml",
+    output:
+        exr="results/{fabric}/render.exr",
+        png="results/{fabric}/render.png",
+        sweep="results/{fabric}/sweep.png",
+    log:
+        "logs/{fabric}/render.log",
+    benchmark:
+        "results/{fabric}/benchmarks/render.tsv"
+    threads: workflow.cores
+    resources:
+        mem_mb=2000,
+    params:
+        code=digest("kinran.render"),
+        plugin=digest("kinran_bsdf"),
+    shell:
+        "(python -m kinran render {input:q} --out {output.exr:q}"
+        " && python -m kinran render {input:q} --out {output.sweep:q} --sweep 5) 2>&1 | tee {log}"
