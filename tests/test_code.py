@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import pytest
-
 from kinran import code
 
 
@@ -28,7 +27,11 @@ def fresh(module: str) -> str:
 @pytest.mark.parametrize(
     ("file", "text", "changes"),
     [
-        ("a.py", "# a comment\nfrom p import b\n\n\ndef f():\n  from p.c import g\n  return b.x + g\n", False),
+        (
+            "a.py",
+            "# a comment\nfrom p import b\n\n\ndef f():\n  from p.c import g\n  return b.x + g\n",
+            False,
+        ),
         ("b.py", "x = 1  # one\n", False),
         ("b.py", "x = 2\n", True),
         ("c.py", "g = 3\n", True),

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from kinran.encoding import parse
 from kinran.files import InputError
 

@@ -4,16 +4,20 @@ import os
 from pathlib import Path
 
 import pytest
-
 from kinran.files import InputError, atomic, check_name, read_json, sha256, write_json
 
 
 def test_nothing_is_left_when_writing_fails(tmp_path: Path) -> None:
     target = tmp_path / "a.json"
     target.write_text("old")
-    with pytest.raises(RuntimeError, match="in the middle"), atomic(target) as temporary:
-        temporary.write_text("half")
-        raise RuntimeError("in the middle")
+
+    def fail() -> None:
+        with atomic(target) as temporary:
+            temporary.write_text("half")
+            raise RuntimeError("in the middle")
+
+    with pytest.raises(RuntimeError, match="in the middle"):
+        fail()
     assert target.read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["a.json"]
 

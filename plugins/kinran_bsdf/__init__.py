@@ -1,7 +1,7 @@
 """Mitsuba 3 BSDF for measured, spatially varying fabric.
 
-Importing this package registers the BSDF `kinran` and the integrator `kinran_measured` for the current and every
-later variant.
+Importing this package registers the BSDF `kinran` and the integrator `kinran_measured` for the current and
+every later variant.
 """
 
 import mitsuba as mi

@@ -1,7 +1,7 @@
 """The integrator `kinran_measured`: how far each pixel of a picture is from what was measured.
 
-The fabric was seen from V = N alone. What a camera sees at an angle θ_v to the fabric's normal is extrapolated
-over that angle, except where the light comes along N (by reciprocity, which `takeda2008` does not have).
+The fabric was seen from V = N alone. What a camera sees at an angle θ_v to its normal is extrapolated over
+that angle, except where the light comes along N (by reciprocity, which `takeda2008` does not have).
 """
 
 from typing import Any
@@ -21,7 +21,7 @@ def register() -> None:
 
 def _make_class() -> Any:
     class Measured(mi.SamplingIntegrator):
-        """Channels after RGB: measured_distance (θ_v in radians), label, bound; −1 where no `kinran` is seen."""
+        """Channels after RGB: measured_distance (θ_v in radians), label, bound; −1 off the fabric."""
 
         def sample(
             self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True

@@ -130,9 +130,7 @@ def _make_class() -> Any:
                 value += terms[0].colour * models.diffuse_lift(v, l, x, y, self.floor, xp=dr)
             for k, term in enumerate(terms[1:], 1):
                 if enabled[k]:
-                    value += term.colour * models.lobe(
-                        self.model, self.tail, v, l, term.shape, self.floor, xp=dr
-                    )
+                    value += term.colour * models.lobe(self.model, self.tail, v, l, term.shape, self.floor, xp=dr)
             return value
 
         def _density(self, terms: list[Term], p: list[Any], v: Any, l: Any) -> Any:  # noqa: E741
@@ -163,9 +161,7 @@ def _make_class() -> Any:
                 pick = sample1 < sum(p[1:])
                 h = sampling.sample_half_vector(self.model, self.tail, shape, sample2)
                 light = dr.select(pick, mi.reflect(v, mi.Normal3f(h)), light)
-                component = dr.select(
-                    pick, dr.select(first, mi.UInt32(0), mi.UInt32(self.lobes - 1)), component
-                )
+                component = dr.select(pick, dr.select(first, mi.UInt32(0), mi.UInt32(self.lobes - 1)), component)
             light = dr.detach(light)
             good = front & (light.z > 0)
             density = dr.detach(self._density(terms, p, v, light))
@@ -201,6 +197,7 @@ def _make_class() -> Any:
         def _eval_pdf(
             self, ctx: Any, si: Any, wo: Any, active: Any, value: bool = True, pdf: bool = True
         ) -> tuple[Any, Any]:
+            wo = mi.Vector3f(wo)
             enabled, back = self._enabled(ctx)
             result, density = mi.UnpolarizedSpectrum(0), mi.Float(0)
             front = active & (si.wi.z > 0) & (wo.z > 0)
@@ -265,9 +262,7 @@ def _maps(props: Any, pyramid: bool) -> tuple[Any, float]:
     angular = material.model == "takeda2008"
     mode = _choice(props, "filter", "nearest" if angular else "bilinear", ("nearest", "bilinear"))
     if angular and mode != "nearest":
-        raise ValueError(
-            "kinran: filter 'bilinear' would average angles of takeda2008; use 'nearest' or fit slope"
-        )
+        raise ValueError("kinran: filter 'bilinear' would average angles of takeda2008; use 'nearest' or fit slope")
     if angular and pyramid:
         raise ValueError("kinran: pixel_angle would average angles of takeda2008; leave it out or fit slope")
     wrap = _choice(props, "wrap_mode", "repeat", ("repeat", "clamp"))

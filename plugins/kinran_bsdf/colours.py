@@ -76,6 +76,4 @@ class Primaries:
         """Spectrum of packed bands `values`, given the primaries at the ray's wavelengths."""
         if primaries is None:
             return mi.UnpolarizedSpectrum(*values)
-        return mi.UnpolarizedSpectrum(
-            *[sum(v * p for v, p in zip(values, row, strict=True)) for row in primaries]
-        )
+        return mi.UnpolarizedSpectrum(*[sum(v * p for v, p in zip(values, row, strict=True)) for row in primaries])

@@ -31,6 +31,8 @@ class PackedMaps:
     the variant (3, or 1 in mono), then the shape.
     """
 
+    attributes = ("bound", "label")
+
     def __init__(self, material: Material, filter_mode: str, wrap_mode: str, pyramid: bool) -> None:
         self.size, self.wrap_mode = material.size, wrap_mode
         self.model, self.tail, self.lobes = material.model, material.tail, material.lobes
@@ -38,11 +40,9 @@ class PackedMaps:
         self.primaries = colours.Primaries()
         wrap = dr.WrapMode.Repeat if wrap_mode == "repeat" else dr.WrapMode.Clamp
         mode = dr.FilterMode.Nearest if filter_mode == "nearest" else dr.FilterMode.Linear
-        self.texture = mi.Texture2f(
-            self.tensor, use_accel=False, migrate=False, filter_mode=mode, wrap_mode=wrap
-        )
+        self.texture = mi.Texture2f(self.tensor, use_accel=False, migrate=False, filter_mode=mode, wrap_mode=wrap)
         self.pyramid = Pyramid(np.array(self.tensor), colours.bands(), wrap_mode) if pyramid else None
-        extra = np.stack([material.channels["bound"], material.channels["label"]], -1)
+        extra = np.stack([material.channels[name] for name in self.attributes], -1)
         self.extra = mi.Texture2f(
             mi.TensorXf(extra),
             use_accel=False,
@@ -70,6 +70,10 @@ class PackedMaps:
             start += len(shape)
         return terms
 
+    def attribute(self, name: str, uv: Any, active: Any) -> Any:
+        """One of `attributes` at `uv`."""
+        return self.extra.eval(uv, active)[self.attributes.index(name)]
+
     def traverse(self, callback: Any) -> None:
         """Give the maps as the parameter `maps`."""
         callback.put("maps", self.tensor, mi.ParamFlags.Differentiable)
@@ -90,15 +94,15 @@ def pack(material: Material) -> Map:
     for top in range(0, height, band):
         rows = slice(top, top + band)
         bound = material.channels["bound"][rows, :, None]
-        parts = [
-            part for colour, shape in material.terms(rows) for part in (colours.pack(colour * bound), shape)
-        ]
+        parts = [part for colour, shape in material.terms(rows) for part in (colours.pack(colour * bound), shape)]
         np.concatenate(parts, -1, out=packed[rows])
     return packed
 
 
 class TextureMaps:
     """Parameters as constants or Mitsuba textures, named as the file's channels with `_` for the dot."""
+
+    attributes = ()
 
     def __init__(self, props: Any, model: str, tail: str, lobes: int) -> None:
         self.model, self.tail, self.lobes = model, tail, lobes

@@ -174,13 +174,9 @@ def _from_header(path: Path, header: dict[str, Any], channels: dict[str, Map]) -
         return str(header[f"kinran:{key}"])
 
     if text("version") != VERSION:
-        raise ValueError(
-            f"{path}: kinran:version is '{text('version')}' but this plugin reads '{VERSION}'; update one"
-        )
+        raise ValueError(f"{path}: kinran:version is '{text('version')}' but this plugin reads '{VERSION}'; update one")
     if text("cosine") != "included":
-        raise ValueError(
-            f"{path}: kinran:cosine is '{text('cosine')}'; the plugin needs T = f_r cos θ ('included')"
-        )
+        raise ValueError(f"{path}: kinran:cosine is '{text('cosine')}'; the plugin needs T = f_r cos θ ('included')")
     values = {key: text(key) for key in ("model", "lobes", "regions", "colour", "from_stack", "texel_mm")}
     values |= {key: text(key) for key in ("source", "measured")}
     try:
@@ -199,9 +195,7 @@ def _from_header(path: Path, header: dict[str, Any], channels: dict[str, Map]) -
             crop=str(header.get("kinran:crop", "")),
         )
     except (ValueError, KeyError, TypeError) as error:
-        raise ValueError(
-            f"{path}: a kinran: attribute cannot be read ({error}); write the material again"
-        ) from None
+        raise ValueError(f"{path}: a kinran: attribute cannot be read ({error}); write the material again") from None
 
 
 def check(material: Material, name: str) -> None:
@@ -225,20 +219,14 @@ def check(material: Material, name: str) -> None:
         raise ValueError(f"{name}: from_stack is not an invertible 3×3 matrix; calibrate the colour again")
     for channel in channel_names(m.model, m.lobes):
         if channel not in m.channels:
-            raise ValueError(
-                f"{name}: has no channel '{channel}', which model '{m.model}' needs; fit it again"
-            )
+            raise ValueError(f"{name}: has no channel '{channel}', which model '{m.model}' needs; fit it again")
         if not np.isfinite(m.channels[channel]).all():
             raise ValueError(f"{name}: channel '{channel}' holds values that are not finite; fit it again")
         if channel.endswith("amplitude") and m.channels[channel].min() < 0:
-            raise ValueError(
-                f"{name}: channel '{channel}' is negative ({m.channels[channel].min():g}); fit it again"
-            )
+            raise ValueError(f"{name}: channel '{channel}' is negative ({m.channels[channel].min():g}); fit it again")
     bound = m.channels["bound"]
     if bound.min() <= 0 or bound.max() > 1:
-        raise ValueError(
-            f"{name}: channel 'bound' leaves (0, 1]: {bound.min():g} to {bound.max():g}; fit it again"
-        )
+        raise ValueError(f"{name}: channel 'bound' leaves (0, 1]: {bound.min():g} to {bound.max():g}; fit it again")
     for k in range(1, m.lobes + 1):
         _check_widths(m, f"lobe{k}", name)
 

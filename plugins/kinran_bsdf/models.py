@@ -54,9 +54,7 @@ def slope_lobe(
     return root * root
 
 
-def takeda_lobe(
-    theta_h: Any, phi_h: Any, theta_n: Any, phi_n: Any, dt: Any, dp: Any, *, xp: ModuleType = np
-) -> Any:
+def takeda_lobe(theta_h: Any, phi_h: Any, theta_n: Any, phi_n: Any, dt: Any, dp: Any, *, xp: ModuleType = np) -> Any:
     """Lobe of Takeda2008, Eq. 3; all in radians.
 
     The difference of azimuths is wrapped to [−π, π]: the paper does not say so, but without it a lobe at 350°
@@ -192,15 +190,12 @@ def _radiance(
     result = colour * diffuse_lift(view, l, slopes[..., 0], slopes[..., 1], floor)[..., None]
     for colour, shape in lobes:
         result += (
-            colour
-            * lobe(material.model, material.tail, view, l, list(np.moveaxis(shape, -1, 0)), floor)[..., None]
+            colour * lobe(material.model, material.tail, view, l, list(np.moveaxis(shape, -1, 0)), floor)[..., None]
         )
     return result
 
 
-def lobe(
-    model: str, tail: str, view: Any, light: Any, shape: list[Any], floor: float, *, xp: ModuleType = np
-) -> Any:
+def lobe(model: str, tail: str, view: Any, light: Any, shape: list[Any], floor: float, *, xp: ModuleType = np) -> Any:
     """Lobe of a model for a view and a light: T / (amplitude · colour).
 
     `takeda2008` is Eq. 3 to the letter at every view: the half vector alone.

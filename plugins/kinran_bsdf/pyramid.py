@@ -64,9 +64,7 @@ def _mean(values: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
 
 def _weighted(values: Map, weight: Map) -> NDArray[np.float64]:
     total = _mean(weight)
-    return np.where(
-        total > 0, _mean(values * np.float64(weight)) / np.where(total > 0, total, 1), _mean(values)
-    )
+    return np.where(total > 0, _mean(values * np.float64(weight)) / np.where(total > 0, total, 1), _mean(values))
 
 
 class Pyramid:
@@ -88,9 +86,7 @@ class Pyramid:
             atlas[top : top + height, : border.shape[1]] = border
             layout.append([level.shape[1], level.shape[0], top + 1])
             top += height
-        self.layout = mi.Texture1f(
-            mi.TensorXf(np.array(layout, np.float32)), filter_mode=dr.FilterMode.Nearest
-        )
+        self.layout = mi.Texture1f(mi.TensorXf(np.array(layout, np.float32)), filter_mode=dr.FilterMode.Nearest)
         self.texture = mi.Texture2f(
             mi.TensorXf(atlas),
             use_accel=False,

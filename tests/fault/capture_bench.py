@@ -240,7 +240,7 @@ def host(address: str, root: Path, kill_at: int) -> None:
         return done + write(file, data[done:])
 
     os.fsync = before(os.fsync)
-    os.write = torn_write
+    os.write = torn_write  # type: ignore[assignment]
     Path.replace = before(Path.replace)  # type: ignore[method-assign]
 
     with Client(address, "AF_UNIX") as connection:

@@ -65,8 +65,7 @@ def test_calibration_group(bench: Bench) -> None:
     manifest = bench.capture(PLAN, "calibration")
     check(bench.root, PLAN, manifest)
     subjects = [
-        json.loads((bench.root / shot["frames"][0]["file"]).read_bytes())["subject"]
-        for shot in manifest["shots"]
+        json.loads((bench.root / shot["frames"][0]["file"]).read_bytes())["subject"] for shot in manifest["shots"]
     ]
     assert subjects == ["dark", "white", "chart"]
     assert manifest["lights"] == []
@@ -332,9 +331,7 @@ def test_a_rig_without_an_x_sync_counter(bench: Bench) -> None:
 def test_the_whole_plan_is_checked_before_the_lamp_is_lit(bench: Bench) -> None:
     config = bench.firmware._config
     high = (20_000, *config.high[1:])
-    bench.firmware._config = type(config)(
-        config.low, high, config.speeds, config.accelerations, config.watchdog_ms
-    )
+    bench.firmware._config = type(config)(config.low, high, config.speeds, config.accelerations, config.watchdog_ms)
     with pytest.raises(LimitError, match="30°"):
         bench.capture(PLAN)
     assert not bench.firmware.lamp_on
@@ -361,9 +358,7 @@ def test_a_full_disk_deletes_nothing_on_the_card(bench: Bench, monkeypatch: pyte
     assert len(bench.camera.fired) == FRAMES
 
 
-def test_too_little_space_is_seen_after_the_first_bracket(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_too_little_space_is_seen_after_the_first_bracket(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(10**6, 10**6 - 5000, 5000))
     with pytest.raises(InputError, match="free some space"):

@@ -1,4 +1,4 @@
-"""kill -9 at every step of a capture: nothing is lost, nothing is shot twice, every frame is where it belongs."""
+"""kill -9 at every step of a capture: nothing is lost, nothing is shot twice."""
 
 import signal
 import subprocess

@@ -4,7 +4,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-
 from kinran.mesh import prepare
 from kinran.scan import Truth, scan, write_scan
 
@@ -24,7 +23,5 @@ def panel(tmp_path_factory: pytest.TempPathFactory) -> Panel:
     write_scan(folder / "scan.ply", vertices, faces)
     report = prepare(folder / "scan.ply", folder / "mesh.ply", folder / "mesh.json")
     motion = np.array(report["scan_to_mesh"])
-    moved = replace(
-        truth, points=truth.points @ motion[:3, :3].T + motion[:3, 3], weft=truth.weft @ motion[:3, :3].T
-    )
+    moved = replace(truth, points=truth.points @ motion[:3, :3].T + motion[:3, 3], weft=truth.weft @ motion[:3, :3].T)
     return Panel(folder / "mesh.ply", report, moved)

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-
 from kinran.chart import (
     boundary_loops,
     hang,
@@ -20,9 +19,7 @@ def grid(width: float, height: float, pitch: float) -> tuple[np.ndarray, np.ndar
     u, v = np.meshgrid(np.arange(0, width + 1e-9, pitch), np.arange(0, height + 1e-9, pitch))
     i = np.arange(u.size).reshape(u.shape)
     a, b, c, d = (q.ravel() for q in (i[:-1, :-1], i[:-1, 1:], i[1:, 1:], i[1:, :-1]))
-    return np.stack([u, v], -1).reshape(-1, 2), np.concatenate(
-        [np.stack([a, b, c], -1), np.stack([a, c, d], -1)]
-    )
+    return np.stack([u, v], -1).reshape(-1, 2), np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)])
 
 
 def turned(uv: np.ndarray, degrees: float) -> np.ndarray:
@@ -123,7 +120,7 @@ def test_hang_is_a_rigid_motion_that_puts_warp_up_and_front_to_the_viewer() -> N
 
     flat, faces = grid(60, 90, 2.0)
     pose = Rotation.from_rotvec([0.8, -1.9, 0.4])
-    vertices = pose.apply(drape(flat)) + [5, -70, 300]
+    vertices = pose.apply(drape(flat)) + np.array([5, -70, 300])
     motion = hang(vertices, faces, flat)
     assert motion[:3, :3] @ motion[:3, :3].T == pytest.approx(np.eye(3))
     assert np.linalg.det(motion) == pytest.approx(1)

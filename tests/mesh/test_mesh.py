@@ -4,12 +4,11 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
-
 from kinran import mesh
 from kinran.files import InputError, read_json
 from kinran.scan import scan, write_scan
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 
 @pytest.fixture
@@ -43,7 +42,7 @@ def test_report(panel) -> None:
 
 @pytest.mark.usefixtures("scalar")
 def test_the_surface_is_the_true_one(panel) -> None:
-    """Samples every 0.25 mm of the truth: mean distance under 0.1 mm, 0.5 mm at most, over closed holes too."""
+    """Truth sampled every 0.25 mm: mean distance under 0.1 mm, 0.5 mm at most, over closed holes too."""
     vertices, uv, _ = arrays(panel.path)
     distance, nearest = cKDTree(panel.truth.points).query(vertices)
     assert distance.mean() < 0.1
@@ -54,7 +53,7 @@ def test_the_surface_is_the_true_one(panel) -> None:
 
 @pytest.mark.usefixtures("scalar")
 def test_the_shading_frame_follows_the_weft(panel) -> None:
-    """si.sh_frame.s against the true weft at 800 faces: mean under 0.2°, p99 under 3°, right-handed everywhere."""
+    """si.sh_frame.s against the true weft at 800 faces: mean under 0.2°, p99 under 3°, all right-handed."""
     vertices, _, faces = arrays(panel.path)
     tree = cKDTree(panel.truth.points)
     scene = mi.load_dict({"type": "scene", "cloth": {"type": "ply", "filename": str(panel.path)}})
@@ -124,9 +123,7 @@ def test_a_square_panel_takes_its_warp_from_what_is_upright_in_the_scan(tmp_path
     assert up_in_scan[1] == max(np.abs(up_in_scan))
 
 
-def test_a_panel_that_is_no_rectangle_gets_a_warning(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_panel_that_is_no_rectangle_gets_a_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     vertices, faces = sheet(46, 31)
     vertices[:, 0] *= 1 + vertices[:, 1] / 45  # a wedge
     write_scan(tmp_path / "scan.ply", vertices, faces)
@@ -160,7 +157,7 @@ def write_tube(path: Path) -> None:
 
 def write_two_panels(path: Path) -> None:
     vertices, faces = sheet(30, 20)
-    both = np.concatenate([vertices, vertices + [30, 0, 0]])
+    both = np.concatenate([vertices, vertices + np.array([30, 0, 0])])
     write_scan(path, both, np.concatenate([faces, faces + len(vertices)]))
 
 
@@ -179,6 +176,11 @@ def write_truncated(path: Path) -> None:
 
 def write_boastful(path: Path) -> None:
     path.write_text("ply\nformat ascii 1.0\nelement vertex 4000000000\nproperty float x\nend_header\n0\n")
+
+
+def check_and_clean(path: Path) -> None:
+    mesh.check_scan(path)
+    mesh.clean(path)
 
 
 @pytest.mark.parametrize(
@@ -200,8 +202,7 @@ def test_bad_scans(tmp_path: Path, make, message: str) -> None:
     path = tmp_path / "scan.ply"
     make(path)
     with pytest.raises(InputError, match=message) as error:
-        mesh.check_scan(path)
-        mesh.clean(path)
+        check_and_clean(path)
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -210,7 +211,7 @@ def test_a_bad_scan_writes_nothing(tmp_path: Path) -> None:
     write_two_panels(tmp_path / "scan.ply")
     with pytest.raises(InputError, match="2 separate panels"):
         mesh.prepare(tmp_path / "scan.ply", tmp_path / "out" / "mesh.ply", tmp_path / "out" / "mesh.json")
-    assert os.listdir(tmp_path) == ["scan.ply"]
+    assert [path.name for path in tmp_path.iterdir()] == ["scan.ply"]
 
 
 def test_unknown_kind_of_file(tmp_path: Path) -> None:
@@ -221,7 +222,7 @@ def test_unknown_kind_of_file(tmp_path: Path) -> None:
 
 def test_missing_plugins_are_one_clear_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh.load_pymeshlab(), "plugin_number", lambda: 49)
-    with pytest.raises(InputError, match="49 of 58 plugins.*libopengl0"):
+    with pytest.raises(InputError, match=r"49 of 58 plugins.*libopengl0"):
         mesh.load_pymeshlab()
 
 
@@ -229,9 +230,7 @@ def die(path: Path) -> None:
     os._exit(139)
 
 
-def test_a_crash_of_pymeshlab_is_one_clear_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_crash_of_pymeshlab_is_one_clear_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_scan(tmp_path / "scan.ply", *sheet(30, 20))
     monkeypatch.setattr(mesh, "clean", die)
     with pytest.raises(InputError, match="pymeshlab died"):

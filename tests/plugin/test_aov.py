@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -49,7 +50,7 @@ def test_bound_scales_what_is_rendered(llvm: str, fabric: Callable[..., Material
     write_material(tmp_path / "a.exr", m)
     m.channels["bound"][:] = 0.25
     write_material(tmp_path / "b.exr", m)
-    si = mi.SurfaceInteraction3f()
+    si = dr.zeros(mi.SurfaceInteraction3f)
     si.uv, si.wi = mi.Point2f(0.5, 0.5), mi.Vector3f(0, 0.6, 0.8)
     values = [
         np.array(

@@ -23,9 +23,7 @@ CASES = [
 def test_read_gives_what_was_written(
     fabric: Callable[..., Material], tmp_path: Path, model: str, lobes: int, tail: str
 ) -> None:
-    there = replace(
-        fabric(model, lobes, tail), from_stack=np.diag([2.0, 1.0, 0.5]), crop="1,2,3,4", encoding="srgb"
-    )
+    there = replace(fabric(model, lobes, tail), from_stack=np.diag([2.0, 1.0, 0.5]), crop="1,2,3,4", encoding="srgb")
     write_material(tmp_path / "a.exr", there)
     back = read_material(tmp_path / "a.exr")
     assert set(back.channels) == set(channel_names(model, lobes))
@@ -130,9 +128,7 @@ def test_bad_headers_are_refused(
     assert "a.exr" in str(caught.value)
 
 
-def test_missing_foreign_and_truncated_files_are_refused(
-    fabric: Callable[..., Material], tmp_path: Path
-) -> None:
+def test_missing_foreign_and_truncated_files_are_refused(fabric: Callable[..., Material], tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no such file"):
         read_material(tmp_path / "none.exr")
     (tmp_path / "text.exr").write_text("not a picture")

@@ -29,10 +29,7 @@ def test_takeda2008_is_equation_3(fabric: Callable[..., Material], lights: np.nd
         g = np.exp(-(((theta_h - c["lobe1.theta"]) / c["lobe1.dt"]) ** 2) - np.min(turns, 0))
         d = np.maximum(light[2] + c["diffuse.x"] * light[0] + c["diffuse.y"] * light[1], 0)
         for k, band in enumerate("RGB"):
-            t = (
-                c["lobe1.amplitude"] * c[f"lobe1.{band}"] * g
-                + c["diffuse.amplitude"] * c[f"diffuse.{band}"] * d
-            )
+            t = c["lobe1.amplitude"] * c[f"lobe1.{band}"] * g + c["diffuse.amplitude"] * c[f"diffuse.{band}"] * d
             np.testing.assert_allclose(image[..., k], np.pi * t, atol=3e-6)
 
 
@@ -94,9 +91,7 @@ def test_equation_3_jumps_at_the_pole_and_slope_does_not() -> None:
 
 
 @pytest.mark.parametrize("tail", ["gaussian", "ggx"])
-@pytest.mark.parametrize(
-    "shape", [(0.0, 0.0, 0.04, 0.0, 0.04), (0.5, -0.3, 0.3, 0.1, 0.06), (0.9, 0, 1, 0, 1)]
-)
+@pytest.mark.parametrize("shape", [(0.0, 0.0, 0.04, 0.0, 0.04), (0.5, -0.3, 0.3, 0.1, 0.06), (0.9, 0, 1, 0, 1)])
 def test_slope_and_diffuse_are_reciprocal(tail: str, shape: tuple[float, ...]) -> None:
     v, l = sphere(20_000, 1), sphere(20_000, 2)  # noqa: E741
     floor = models.GRAZING
@@ -121,9 +116,7 @@ def test_lift_is_one_at_the_measured_view() -> None:
     l = l[:, l[2] > models.GRAZING]  # noqa: E741
     np.testing.assert_allclose(models.lobe_lift(N, l, models.GRAZING), 1, rtol=1e-9)
     x, y = 0.8, -0.5
-    np.testing.assert_allclose(
-        models.diffuse_lift(N, l, x, y, models.GRAZING), models.diffuse(l, x, y), atol=1e-9
-    )
+    np.testing.assert_allclose(models.diffuse_lift(N, l, x, y, models.GRAZING), models.diffuse(l, x, y), atol=1e-9)
 
 
 def test_flat_facets_are_lambertian_at_every_view() -> None:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -53,9 +54,7 @@ def test_levels_keep_energy_mean_and_variance(
     own = np.average(texels[:, 10:], 0, weights=weight)
     np.testing.assert_allclose(top[0, 0, :3], texels[:, :3].mean(0), rtol=1e-5)
     np.testing.assert_allclose(top[0, 0, 8:10], mean, atol=1e-5)
-    np.testing.assert_allclose(
-        top[0, 0, 10:], own + np.array([spread[0, 0], spread[0, 1], spread[1, 1]]), atol=1e-5
-    )
+    np.testing.assert_allclose(top[0, 0, 10:], own + np.array([spread[0, 0], spread[0, 1], spread[1, 1]]), atol=1e-5)
     energy = top[0, 0, 5:8] * models.slope_albedo(*top[0, 0, 8:].astype(float))
     np.testing.assert_allclose(energy, (texels[:, 5:8] * unit[:, None]).mean(0), rtol=1e-5)
 
@@ -136,7 +135,7 @@ def test_far_view_keeps_the_mean_energy(llvm: str, fabric: Callable[..., Materia
     for angle in (0.0, PIXEL):
         bsdf = mi.load_dict({"type": "kinran", "filename": str(tmp_path / "a.exr"), "pixel_angle": angle})
         n, rng = 1 << 18, np.random.default_rng(1)
-        si = mi.SurfaceInteraction3f()
+        si = dr.zeros(mi.SurfaceInteraction3f)
         si.t, si.dp_du, si.dp_dv = mi.Float(1000.0), mi.Vector3f(1, 0, 0), mi.Vector3f(0, 1, 0)
         si.uv = mi.Point2f(rng.random((2, n)).astype(np.float32))
         si.wi, si.sh_frame = mi.Vector3f(0, 0, 1), mi.Frame3f(mi.Normal3f(0, 0, 1))
@@ -152,9 +151,7 @@ def test_near_view_uses_the_map_itself(llvm: str, fabric: Callable[..., Material
     np.testing.assert_allclose(far_view(tmp_path / "a.exr", [0, 0, -1], 4, 1e-6, 1), there, rtol=1e-5)
 
 
-def test_angles_and_textures_have_no_pyramid(
-    llvm: str, fabric: Callable[..., Material], tmp_path: Path
-) -> None:
+def test_angles_and_textures_have_no_pyramid(llvm: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
     write_material(tmp_path / "a.exr", fabric("takeda2008"))
     with pytest.raises((ValueError, RuntimeError), match="would average angles"):
         mi.load_dict({"type": "kinran", "filename": str(tmp_path / "a.exr"), "pixel_angle": 0.01})

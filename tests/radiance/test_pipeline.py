@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import SCENE, Capture, radiance
 from kinran import assemble, calibrate, colour_chart, merge
 from kinran.calibration import Calibration, read_calibration
 from kinran.files import InputError
@@ -17,6 +16,7 @@ from kinran.raw import read_raw
 from kinran.shots import merge_bracket, read_bracket, read_manifest
 from kinran.stack import DARK, HOT, SATURATED, Stack, shard_path
 from kinran.virtual.sensor import CROSSTALK, Sensor, _defects, shutter
+from known_scene import SCENE, Capture, radiance
 
 TEXELS = int(SCENE["texels"])
 CAMERA = CROSSTALK / CROSSTALK.sum(1, keepdims=True)
@@ -70,9 +70,7 @@ def run_stack(capture: Capture, holdout: int) -> None:
 
 def truth(capture: Capture) -> np.ndarray:
     """π·T of all lights in the stack's RGB."""
-    pictures = [
-        radiance(np.radians(light.theta), np.radians(light.phi), TEXELS) for light in capture.plan.lights
-    ]
+    pictures = [radiance(np.radians(light.theta), np.radians(light.phi), TEXELS) for light in capture.plan.lights]
     return np.stack(pictures) @ CAMERA.T
 
 
@@ -116,7 +114,7 @@ def test_colours_come_out_as_acescg(calibration: Calibration) -> None:
 
 
 def test_the_stack_is_the_scene(capture: Capture, stack: Stack) -> None:
-    """In every decade of radiance the bias is ≤ 0.3 %, and the noise is that of the sensor."""
+    """In every decade of radiance the bias is ≤ 0.2 %, and the noise is that of the sensor."""
     values, flags = stack.read_tile(0, TEXELS, 0, TEXELS)
     expected = truth(capture)
     good = (flags & (SATURATED | HOT)) == 0
@@ -124,7 +122,7 @@ def test_the_stack_is_the_scene(capture: Capture, stack: Stack) -> None:
         use = good & (expected > low) & (expected < high)
         assert use.sum() > 1000
         bias = (values - expected)[use].sum() / expected[use].sum()
-        assert abs(bias) < 3e-3, (low, bias)
+        assert abs(bias) < 2e-3, (low, bias)
         assert np.sqrt(np.mean((values[use] / expected[use] - 1) ** 2)) < noise, low
 
 
@@ -148,24 +146,50 @@ def test_darkness_is_flagged(capture: Capture, stack: Stack) -> None:
 
 
 def test_the_lamp_is_taken_out(capture: Capture, stack: Stack) -> None:
-    """A lamp that drifts by 4 % between shots leaves 0.3 % from light to light."""
+    """A lamp that drifts by 3 % over a group leaves 0.3 % from light to light."""
     values, flags = stack.read_tile(0, TEXELS, 0, TEXELS)
     ratio = np.where((flags == 0) & (truth(capture) > 0.05), values / truth(capture), np.nan)
     by_light = np.nanmedian(ratio, axis=(1, 2, 3))
     np.testing.assert_allclose(by_light, 1, atol=3e-3)
     lamp = json.loads((capture.folder / "00.json").read_text())["lamp"].values()
-    assert max(lamp) - min(lamp) > 0.01
+    assert max(lamp) - min(lamp) > 0.025
+
+
+def test_a_lamp_that_jumps_within_a_bracket_bends_nothing(capture: Capture, calibration: Calibration) -> None:
+    """One frame is 2 % brighter: all levels move by the same 0.4 %, where fixed times bend them by 1 %."""
+    shots = {shot.shot: shot for shot in read_manifest(capture.manifest("00"), capture.plan)}
+    bracket = read_bracket(shots["t20_p000"])
+    planes = bracket.planes.copy()
+    brighter = (planes[1] - bracket.black[1]) * 1.02 + bracket.black[1]
+    planes[1] = np.where(planes[1] < planes.max(), np.minimum(brighter.round(), planes.max()), planes[1])
+    jumped = replace(bracket, planes=planes)
+    camera = calibration.camera
+    assert camera is not None
+
+    def steps() -> np.ndarray:
+        before, flags = merge_bracket(bracket, camera)
+        after, _ = merge_bracket(jumped, camera)
+        use, value = (flags == 0), before / np.array(camera.white)
+        levels = ((3e-3, 2e-2), (0.06, 0.2), (0.5, 20))
+        masks = [use & (value > low) & (value < high) for low, high in levels]
+        return np.array([after[m].sum() / before[m].sum() - 1 for m in masks])
+
+    moved = steps()
+    assert np.ptp(moved) < 2e-3
+    np.testing.assert_allclose(moved, 0.004, atol=2e-3)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("kinran.shots.FLICKER", 1e-9)
+        assert np.ptp(steps()) > 8e-3
 
 
 def test_without_a_photodiode_the_monitors_tell(capture: Capture, calibration: Calibration) -> None:
-    camera = calibration.camera
-    assert camera is not None
+    """Interpolated over time: of a drift of 3 % in two minutes, 1 % is left at most."""
     shots = [replace(shot, photodiode=None) for shot in read_manifest(capture.manifest("00"), capture.plan)]
     with_diode = json.loads((capture.folder / "00.json").read_text())["lamp"]
     gains = merge.measure_gains(shots, calibration, capture.manifest("00"))
     assert gains.keys() == with_diode.keys()
     for shot, gain in gains.items():
-        assert gain == pytest.approx(with_diode[shot], rel=5e-3)
+        assert gain == pytest.approx(with_diode[shot], abs=0.01)
 
 
 def test_each_light_has_its_shot(capture: Capture, stack: Stack) -> None:
@@ -194,9 +218,7 @@ def test_another_holdout_redoes_no_merge(capture: Capture, stack: Stack) -> None
 def test_merging_twice_gives_the_same_bytes(capture: Capture, stack: Stack) -> None:
     run_merge(capture, "00", "again.zarr")
     for name in ("radiance", "flags"):
-        one, two = (
-            shard_path(capture.folder / z, name, 0).read_bytes() for z in ("radiance.zarr", "again.zarr")
-        )
+        one, two = (shard_path(capture.folder / z, name, 0).read_bytes() for z in ("radiance.zarr", "again.zarr"))
         assert one == two
 
 
@@ -295,9 +317,7 @@ def test_a_lens_that_was_not_covered(broken: Capture) -> None:
 
 def test_a_chart_upside_down(broken: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     patches = colour_chart.patches
-    monkeypatch.setattr(
-        colour_chart, "patches", lambda image, usable: patches(image[::-1, ::-1], usable[::-1, ::-1])
-    )
+    monkeypatch.setattr(colour_chart, "patches", lambda image, usable: patches(image[::-1, ::-1], usable[::-1, ::-1]))
     with pytest.raises(InputError, match=r"shot 'chart': its patches are ΔE00 \d+"):
         run_calibrate(broken, broken.folder / "other.json")
 

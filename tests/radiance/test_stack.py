@@ -27,9 +27,7 @@ def write(folder: Path, radiance: np.ndarray, flags: np.ndarray) -> None:
     write_shards(folder, 0, radiance[:16], flags[:16])
     write_shards(folder, 16, radiance[16:], flags[16:])
     height, width = radiance.shape[1:3]
-    write_metadata(
-        folder, LIGHTS, height, width, 0.06, "srgb", "1,2,3,4", "camera", np.eye(3), {"kind": "raw"}
-    )
+    write_metadata(folder, LIGHTS, height, width, 0.06, "srgb", "1,2,3,4", "camera", np.eye(3), {"kind": "raw"})
 
 
 @pytest.fixture
@@ -118,6 +116,4 @@ def test_damage_is_told(tmp_path: Path, samples: tuple[np.ndarray, np.ndarray]) 
 def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written to"):
-        write_shards(
-            tmp_path / "file", 0, np.zeros((1, 2, 2, 3), np.float32), np.zeros((1, 2, 2, 3), np.uint8)
-        )
+        write_shards(tmp_path / "file", 0, np.zeros((1, 2, 2, 3), np.float32), np.zeros((1, 2, 2, 3), np.uint8))

@@ -233,7 +233,7 @@ def test_a_reboot_is_noticed_and_nothing_is_repeated_blindly(rig: Goniometer, fi
 
 def test_limits_are_checked_before_anything_is_sent(rig: Goniometer, firmware: Firmware) -> None:
     before = rig._seq
-    with pytest.raises(LimitError, match="95°.*90°"):
+    with pytest.raises(LimitError, match=r"95°.*90°"):
         rig.move(95_000, 0)
     with pytest.raises(LimitError, match="light φ"):
         rig.move(0, -20_000)

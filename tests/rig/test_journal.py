@@ -100,3 +100,9 @@ def test_a_full_disk_leaves_no_half_record(tmp_path: Path, monkeypatch: pytest.M
         monkeypatch.undo()
         assert journal.records == RECORDS[:1]
     assert read(path) == (RECORDS[:1], path.stat().st_size)
+
+
+def test_a_folder_that_cannot_be(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written to"):
+        Journal(tmp_path / "file" / "journal.jsonl")

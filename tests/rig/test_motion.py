@@ -1,5 +1,7 @@
 """Trapezoid profiles."""
 
+from itertools import pairwise
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -28,7 +30,7 @@ def test_speed_and_acceleration_are_kept(distance: float, speed: float, accelera
     path = [distance * travelled(distance, speed, acceleration, total * i / steps) for i in range(steps + 1)]
     assert path[0] == 0
     assert path[-1] == distance
-    speeds = [(b - a) * steps / total for a, b in zip(path, path[1:], strict=False)]
+    speeds = [(b - a) * steps / total for a, b in pairwise(path)]
     assert min(speeds) >= -1e-6 * distance
     assert max(speeds) <= speed * (1 + 1e-6)
     assert path[steps // 4] + path[-1 - steps // 4] == pytest.approx(distance, rel=1e-6)

@@ -49,9 +49,7 @@ def test_golden_move() -> None:
 
 def test_golden_status() -> None:
     """The STATUS block, field after field at its documented offset."""
-    state = State(
-        0x01020304, (1, -2, 3, -4), 0x2301, 5, 6, 7, 8, 9, 0x0A0B0C0D, 100_000, 0x1122, 0x3344, 0x55, -6
-    )
+    state = State(0x01020304, (1, -2, 3, -4), 0x2301, 5, 6, 7, 8, 9, 0x0A0B0C0D, 100_000, 0x1122, 0x3344, 0x55, -6)
     packed = state.pack()
     assert len(packed) == 48
     assert packed[0:4] == bytes([4, 3, 2, 1])

@@ -51,7 +51,7 @@ def test_the_only_rig_is_opened(hidapi: list[dict[str, Any]]) -> None:
 
 
 def test_no_rig_or_another(hidapi: list[dict[str, Any]]) -> None:
-    with pytest.raises(TransportError, match="1209:0001.*cable"):
+    with pytest.raises(TransportError, match=r"1209:0001.*cable"):
         open_hid()
     hidapi.append(rig("OGM-1"))
     with pytest.raises(TransportError, match=r"OGM-2.*OGM-1"):
@@ -67,9 +67,7 @@ def test_several_rigs_need_a_serial_number(hidapi: list[dict[str, Any]]) -> None
     assert open_hid("OGM-2")[1] == "OGM-2"
 
 
-def test_no_permission_names_the_udev_rule(
-    hidapi: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_permission_names_the_udev_rule(hidapi: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch) -> None:
     hidapi.append(rig("OGM-1"))
     monkeypatch.setattr(Device, "denied", True)
     with pytest.raises(TransportError, match=r"70-kinran-rig\.rules"):
@@ -136,7 +134,7 @@ def test_unread_events_overflow(backend: Any, kept: int, first: int) -> None:
     firmware = Firmware()
     handle = SimulatedHid(firmware, backend)
     firmware.advance(200.5)
-    numbers = []
+    numbers: list[int] = []
     while len(numbers) < kept:
         report = Report.unpack(bytes(handle.read(64, 1)))
         numbers.append(int.from_bytes(report.payload[40:44], "little"))

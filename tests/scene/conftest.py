@@ -5,24 +5,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from kinran_bsdf import Material, write_material
-
 from kinran.mesh import write_mesh
-
-TEMPLATE = Path(__file__).parents[2] / "scenes/drape.xml"
-F = np.array(
-    [
-        [0, 0, 0, 0, 0, 0],
-        [0, 1, 1, 1, 1, 0],
-        [0, 1, 0, 0, 0, 0],
-        [0, 1, 1, 1, 0, 0],
-        [0, 1, 0, 0, 0, 0],
-        [0, 1, 0, 0, 0, 0],
-        [0, 1, 0, 0, 0, 0],
-        [0, 1, 0, 0, 0, 0],
-        [0, 0, 0, 0, 0, 0],
-    ]
-)[::-1]  # as read: row 0 of a map is the bottom
+from kinran_bsdf import Material, write_material
 
 
 @pytest.fixture
@@ -52,7 +36,13 @@ def make_material(tmp_path: Path) -> Callable[..., Path]:
         one = np.ones(albedo.shape, np.float32)
         labels = np.zeros(albedo.shape) if labels is None else labels
         lobed = np.array([model != "lambert" for model in models])[labels.astype(int)]
-        values = {"label": labels, "bound": 1, "diffuse.amplitude": albedo / np.pi, "diffuse.x": 0, "diffuse.y": 0}
+        values = {
+            "label": labels,
+            "bound": 1,
+            "diffuse.amplitude": albedo / np.pi,
+            "diffuse.x": 0,
+            "diffuse.y": 0,
+        }
         values |= {f"diffuse.{c}": 1 for c in "RGB"}
         lobes = int(lobed.any())
         if lobes:

@@ -5,14 +5,13 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
-from conftest import TEMPLATE, F
-from scipy.spatial import cKDTree
-
 from kinran.exr import read_exr
 from kinran.files import InputError
 from kinran.mesh import prepare
 from kinran.scan import scan, write_scan
 from kinran.scene import assemble, placement
+from scene_fabrics import TEMPLATE, F
+from scipy.spatial import cKDTree
 
 FRONTAL = """<scene version="3.9.1">
     <default name="mesh" value=""/> <default name="material" value=""/> <default name="wrap" value=""/>
@@ -62,7 +61,9 @@ def test_a_picture_of_unknown_size_covers_the_cloth_once_with_its_aspect(shape: 
     lie = {k: float(v) for k, v in placement(shape, None, (60, 90)).items() if k != "wrap"}
     texels_mm = lie["repeat_x"] * shape[1], lie["repeat_y"] * shape[0]
     assert texels_mm[0] == pytest.approx(texels_mm[1])
-    corners = [(uv + s) * r for uv, s, r in ((0, lie["shift_x"], lie["repeat_x"]), (0, lie["shift_y"], lie["repeat_y"]))]
+    corners = [
+        (uv + s) * r for uv, s, r in ((0, lie["shift_x"], lie["repeat_x"]), (0, lie["shift_y"], lie["repeat_y"]))
+    ]
     far = [(60 + lie["shift_x"]) * lie["repeat_x"], (90 + lie["shift_y"]) * lie["repeat_y"]]
     assert np.add(corners, far) == pytest.approx([1, 1])  # centred
     assert max(far) == pytest.approx(1)
@@ -91,14 +92,14 @@ def test_the_scene_loads_from_anywhere_and_moves_with_its_files(
 
 @pytest.mark.usefixtures("llvm")
 def test_a_picture_is_upright_and_unmirrored(tmp_path: Path, make_material, flat_mesh: Path) -> None:
-    """The rendered F against the picture: a correlation over 0.95, and under 0.7 for every flip of it."""
+    """The rendered F against the picture: a correlation over 0.85, and under 0.6 for every flip of it."""
     (tmp_path / "frontal.xml").write_text(FRONTAL, encoding="utf-8")
     scene = assemble(tmp_path / "frontal.xml", flat_mesh, make_material(F * 0.9), tmp_path / "scene")
     image = np.array(mi.render(mi.load_file(str(scene)), spp=4, seed=0))[..., 1]
     want = np.kron(F[::-1], np.ones((10, 10)))  # top row first
     alike = [np.corrcoef(image.ravel(), w.ravel())[0, 1] for w in (want, want[::-1], want[:, ::-1])]
-    assert alike[0] > 0.9
-    assert max(alike[1:]) < 0.7
+    assert alike[0] > 0.85
+    assert max(alike[1:]) < 0.6
 
 
 @pytest.fixture(scope="module")

@@ -48,9 +48,10 @@ def main(argv: list[str] | None = None) -> int:
             command.description = (stage.__doc__ or summary).strip()
             command.formatter_class = argparse.RawDescriptionHelpFormatter
             stage.add_arguments(command)
-    args, args.rest = parser.parse_known_args(argv)
-    if args.rest and args.command != "test":
-        parser.error(f"unknown arguments: {' '.join(args.rest)}")
+    args, rest = parser.parse_known_args(argv)
+    args.rest = rest
+    if rest and args.command != "test":
+        parser.error(f"unknown arguments: {' '.join(rest)}")
     try:
         importlib.import_module(COMMANDS[args.command][0]).main(args)
     except InputError as error:

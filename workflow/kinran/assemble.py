@@ -87,13 +87,9 @@ def held_out(plan: Plan, every: int) -> set[int]:
         raise InputError(f"holdout {every}: give 0 for none, or 2 and more for every so many lights")
     held = {light.index for light in plan.lights if every and _is_held(light, every)}
     if every and not held:
-        raise InputError(
-            f"holdout {every}: holds out none of the {len(plan.lights)} lights; give a smaller number"
-        )
+        raise InputError(f"holdout {every}: holds out none of the {len(plan.lights)} lights; give a smaller number")
     if len(plan.lights) - len(held) < 4:
-        raise InputError(
-            f"holdout {every}: leaves {len(plan.lights) - len(held)} lights to fit; 4 are needed"
-        )
+        raise InputError(f"holdout {every}: leaves {len(plan.lights) - len(held)} lights to fit; 4 are needed")
     return held
 
 
@@ -137,9 +133,7 @@ def last_shard(
             found[shot.light or 0].append(((rate / white).astype(np.float32), flags))
     for index, repeats in found.items():
         if not repeats:
-            raise InputError(
-                f"light '{plan.lights[index].name}' has no shot in the manifests; capture its group"
-            )
+            raise InputError(f"light '{plan.lights[index].name}' has no shot in the manifests; capture its group")
     means = [mean_of_repeats(repeats) for repeats in found.values()]
     return first, np.stack([radiance for radiance, _ in means]), np.stack([flags for _, flags in means])
 

@@ -145,9 +145,7 @@ def ratio_sums(longer: Image, shorter: Image, clip: float) -> tuple[float, float
     """
     sums, sites = np.zeros(2), 0
     for chosen, measured in ((0, 1), (1, 0)):
-        use = (
-            (longer[chosen] > 0.05 * clip) & (longer[chosen] < 0.8 * clip) & (longer[measured] < 0.97 * clip)
-        )
+        use = (longer[chosen] > 0.05 * clip) & (longer[chosen] < 0.8 * clip) & (longer[measured] < 0.97 * clip)
         sums += longer[measured][use].sum(dtype=float), shorter[measured][use].sum(dtype=float)
         sites += int(use.sum())
     return float(sums[0]), float(sums[1]), sites

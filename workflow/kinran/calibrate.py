@@ -91,8 +91,7 @@ def calibrate(plan: Plan, shots: Sequence[Taken]) -> Calibration:
     for bracket in (white, colours, *monitors):
         if bracket.planes.shape != dark.planes.shape or not np.array_equal(bracket.nominal_s, dark.nominal_s):
             raise InputError(
-                f"shot '{bracket.shot.shot}': its size or its exposures are not those of the dark shot;"
-                " shoot it again"
+                f"shot '{bracket.shot.shot}': its size or its exposures are not those of the dark shot; shoot it again"
             )
     black, read, hot = measure_dark(dark)
     saturation = measure_saturation(white, black)
@@ -173,9 +172,7 @@ def _falloff(plan: Plan, name: str, height: int, width: int) -> NDArray[np.float
 def _only(shots: Sequence[Taken], kind: str) -> Taken:
     found = [shot for shot in shots if shot.kind == kind]
     if len(found) != 1:
-        raise InputError(
-            f"the manifests list {len(found)} shots of kind '{kind}'; capture the group `calibration`"
-        )
+        raise InputError(f"the manifests list {len(found)} shots of kind '{kind}'; capture the group `calibration`")
     return found[0]
 
 
@@ -188,9 +185,7 @@ def _plate(rate: NDArray[np.float32], flags: NDArray[np.uint8], shot: str) -> tu
         raise InputError(f"shot '{shot}': the white plate is saturated at every exposure; add a shorter one")
     r, g, b = (float(rate[middle][..., k][good[..., k]].mean(dtype=float)) for k in range(3))
     if min(r, g, b) <= 0 or max(r, g, b) > 20 * min(r, g, b):
-        raise InputError(
-            f"shot '{shot}': the plate's R, G, B of {r:.3g}, {g:.3g}, {b:.3g} counts/s is not white"
-        )
+        raise InputError(f"shot '{shot}': the plate's R, G, B of {r:.3g}, {g:.3g}, {b:.3g} counts/s is not white")
     return r, g, b
 
 

@@ -80,9 +80,7 @@ class Camera:
             if abs(exposure.nominal_s - nominal) < 1e-3 * nominal:
                 return exposure.seconds
         known = ", ".join(f"{exposure.nominal_s:g}" for exposure in self.exposures)
-        raise InputError(
-            f"exposure {nominal:g} s was not calibrated ({known} s were); shoot the calibration with it"
-        )
+        raise InputError(f"exposure {nominal:g} s was not calibrated ({known} s were); shoot the calibration with it")
 
 
 @dataclass(frozen=True)
@@ -162,8 +160,6 @@ def read_calibration(path: Path) -> Calibration:
             camera["bad"] = tuple((int(k), int(y), int(x)) for k, y, x in camera["bad"])
             camera = Camera(**{**camera, "black": tuple(camera["black"]), "white": tuple(camera["white"])})
         matrix = tuple((float(a), float(b), float(c)) for a, b, c in value.pop("to_acescg"))
-        return Calibration(
-            **{**value, "camera": camera, "to_acescg": matrix, "delta_e": tuple(value["delta_e"])}
-        )
+        return Calibration(**{**value, "camera": camera, "to_acescg": matrix, "delta_e": tuple(value["delta_e"])})
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"{path}: is not a calibration ({error}); calibrate again") from None

@@ -60,8 +60,7 @@ def capture(
     chosen = plan.group(group)
     check_revisions(revisions, {shot.shot for shot in chosen.shots}, group)
     wanted = [
-        Wanted(group, shot, revisions.get(shot.shot, 0), setup_digest(plan, shot, device))
-        for shot in chosen.shots
+        Wanted(group, shot, revisions.get(shot.shot, 0), setup_digest(plan, shot, device)) for shot in chosen.shots
     ]
     with Journal(root / "journal.jsonl") as journal:
         brackets = read_brackets(journal.records)

@@ -66,7 +66,9 @@ def check(value: dict[str, Any], schema: str, where: str) -> None:
     error = jsonschema.exceptions.best_match(jsonschema.Draft202012Validator(rules).iter_errors(value))
     if error is not None:
         at = ".".join(str(part) for part in error.absolute_path)
-        raise InputError(f"{where}: {at + ': ' if at else ''}{error.message}; see workflow/schemas/{schema}.schema.yaml")
+        raise InputError(
+            f"{where}: {at + ': ' if at else ''}{error.message}; see workflow/schemas/{schema}.schema.yaml"
+        )
 
 
 def _fill(value: dict[str, Any], rules: dict[str, Any]) -> None:
@@ -130,7 +132,11 @@ def read_revisions(config: dict[str, Any], fabrics: dict[str, Fabric]) -> Callab
     rows = read_sheet(sheet)
     grid = plan_grid("grid", rig["thetas"], rig["phis"], [1.0], rig["meridians"]).groups if rows else ()
     for row in rows:
-        check(dict(row), "recapture", f"{sheet}: {row.get('fabric', '')} {row.get('theta', '')} {row.get('phi', '')}")
+        check(
+            dict(row),
+            "recapture",
+            f"{sheet}: {row.get('fabric', '')} {row.get('theta', '')} {row.get('phi', '')}",
+        )
         theta, phi = float(row["theta"]), float(row["phi"])
         if row["fabric"] not in fabrics or fabrics[row["fabric"]].folder is not None:
             raise InputError(f"{sheet}: '{row['fabric']}' is no fabric on the rig; correct the row")

@@ -85,9 +85,7 @@ def llvm() -> Finding:
     if run.returncode == 0 and "works" in run.stdout:
         return Finding(True, os.environ.get("DRJIT_LIBLLVM_PATH", "the system's libLLVM works with Dr.Jit"))
     what = "is not found" if run.returncode == 1 else f"aborts the process (status {run.returncode})"
-    return Finding(
-        False, f"libLLVM {what}", f"Mitsuba 3.9 needs LLVM 17 or newer: {LIBRARIES}; 15 and 16 abort"
-    )
+    return Finding(False, f"libLLVM {what}", f"Mitsuba 3.9 needs LLVM 17 or newer: {LIBRARIES}; 15 and 16 abort")
 
 
 def meshlab() -> Finding:

@@ -7,14 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from kinran_bsdf.colours import TO_REC709
+from kinran_bsdf.material import read_material
+from kinran_bsdf.models import relight
 from numpy.typing import NDArray
 
 from kinran import encoding, metrics, pictures
 from kinran.files import InputError, read_json, write_json
 from kinran.labels import Region, read_labels, read_regions
 from kinran.stack import HOT, SATURATED, SHIFTED, Light, Stack
-from kinran_bsdf.material import read_material
-from kinran_bsdf.models import relight
 
 Images = NDArray[np.float32]
 
@@ -69,8 +70,11 @@ def main(args: argparse.Namespace) -> None:
             predictions[path.stem] = predicted
             errors = _errors(predicted, truth, valid, lights, labels, regions, coder, peak)
             result["methods"][path.stem] = {**errors, "relight_cpu_seconds": round(seconds, 3)}
-            print(f"{path.stem}: {errors['psnr']:.2f} dB, relative {errors['relative_error']:.3f}", file=sys.stderr)
-        picture = _picture(predictions, truth, lights, coder, peak)
+            print(
+                f"{path.stem}: {errors['psnr']:.2f} dB, relative {errors['relative_error']:.3f}",
+                file=sys.stderr,
+            )
+        picture = _picture(predictions, truth, lights, stack, peak)
     else:
         empty = np.full((40, 360, 3), 250, np.uint8)
         picture = pictures.sheet([[("no light was held out: there is nothing to judge by", empty)]])
@@ -114,8 +118,11 @@ def _errors(
     def over(inside: NDArray[np.bool_] | slice) -> dict[str, float]:
         by_light = [metrics.psnr(dp[i][inside], dg[i][inside], v[i][inside]) for i in range(n)]
         relative = metrics.relative_error(p[:, inside], g[:, inside], v[:, inside], weight)
-        return {"relative_error": round(relative, 5), "psnr": round(float(np.mean(by_light)), 3),
-                "psnr_min": round(float(np.min(by_light)), 3)}
+        return {
+            "relative_error": round(relative, 5),
+            "psnr": round(float(np.mean(by_light)), 3),
+            "psnr_min": round(float(np.min(by_light)), 3),
+        }
 
     w = weight[:, None, None] * v
     texel = np.sqrt((w * (p - g) ** 2).sum((0, 2)) / np.maximum((w * g**2).sum((0, 2)), 1e-12))
@@ -138,22 +145,28 @@ def _errors(
 
 
 def _picture(
-    predictions: dict[str, Images], truth: Images, lights: list[Light], coder: encoding.Encoding | None, peak: float
+    predictions: dict[str, Images], truth: Images, lights: list[Light], stack: Stack, peak: float
 ) -> pictures.Picture:
     """Rows of held-out lights: the photograph, then each prediction and its error."""
+    coder = encoding.parse(stack.encoding) if stack.encoding else None
+    to_rec709 = TO_REC709 @ stack.to_acescg
+
+    def shown(image: Images, exposure: float, size: int) -> pictures.Picture:
+        light = np.asarray(image @ to_rec709.T, np.float32)
+        return pictures.enlarge(pictures.photograph(light, exposure), size)
+
     energy = truth.mean((1, 2, 3))
     order = np.argsort(-energy)
-    shown = order[np.linspace(0, len(order) - 1, min(SHOWN, len(order))).astype(int)]
+    chosen = order[np.linspace(0, len(order) - 1, min(SHOWN, len(order))).astype(int)]
     rows = []
-    for i in shown:
-        exposure = 1.0 if coder else pictures.auto_exposure(truth[i])
+    for i in chosen:
+        exposure = 1.0 if coder else pictures.auto_exposure(truth[i] @ to_rec709.T)
         size = max(160, min(240, truth.shape[2]))
-        row = [(lights[i].name, pictures.enlarge(pictures.photograph(truth[i], exposure), size))]
+        row = [(lights[i].name, shown(truth[i], exposure, size))]
         for name, predicted in predictions.items():
-            row.append((name, pictures.enlarge(pictures.photograph(predicted[i], exposure), size)))
-            shown_error = np.abs(
-                metrics.to_display(predicted[i], coder, peak) - metrics.to_display(truth[i], coder, peak)
-            ).mean(-1)
-            row.append((f"{name}: error, to 0.25", pictures.enlarge(pictures.heat(shown_error, 0.25), size)))
+            row.append((name, shown(predicted[i], exposure, size)))
+            error = metrics.to_display(predicted[i], coder, peak) - metrics.to_display(truth[i], coder, peak)
+            heat = pictures.heat(np.abs(error).mean(-1), 0.25)
+            row.append((f"{name}: error, to 0.25", pictures.enlarge(heat, size)))
         rows.append(row)
     return pictures.sheet(rows)

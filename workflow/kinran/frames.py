@@ -39,7 +39,7 @@ def angles(vectors: ArrayLike) -> tuple[Array, Array]:
 def half_vector(lights: ArrayLike) -> Array:
     """Half vectors of light directions (..., 3) with the view V = N."""
     h = np.asarray(lights, float) + np.array([0.0, 0.0, 1.0])
-    return h / np.linalg.norm(h, axis=-1, keepdims=True)
+    return np.asarray(h / np.linalg.norm(h, axis=-1, keepdims=True))
 
 
 def slopes(lights: ArrayLike) -> Array:

@@ -119,23 +119,29 @@ def plan(fabric: str, lights: list[Light], encoded: str, crop: str) -> Plan:
         inside = entries[k * GROUP : (k + 1) * GROUP]
         shots = tuple(Shot(light.name, "light", light.index, light.theta, light.phi) for light in inside)
         groups.append(Group(name, tuple(light.index for light in inside), shots))
-    return Plan(
-        check_name(fabric, "fabric"), "list", (1.0,), entries, tuple(groups), encoding=encoded, crop=crop
-    )
+    return Plan(check_name(fabric, "fabric"), "list", (1.0,), entries, tuple(groups), encoding=encoded, crop=crop)
 
 
 def manifest(plan_file: Path, name: str, folder: Path) -> dict[str, Any]:
     """Manifest of a group: the photographs where they lie, with their digests."""
     planned = read_plan(plan_file)
     group = planned.group(name)
-    found = photographs.find(folder, [light for light in read_lp(lp_file(folder))])
+    found = photographs.find(folder, list(read_lp(lp_file(folder))))
     shots = []
     for shot in group.shots:
         path = found[shot.shot].resolve()
         frame = {"file": str(path), "sha256": sha256(path), "bytes": path.stat().st_size, "exposure_s": None}
         shots.append(
-            {"shot": shot.shot, "kind": shot.kind, "light": shot.light, "revision": 0, "pose_mdeg": None,
-             "photodiode": None, "time_s": None, "frames": [frame]}
+            {
+                "shot": shot.shot,
+                "kind": shot.kind,
+                "light": shot.light,
+                "revision": 0,
+                "pose_mdeg": None,
+                "photodiode": None,
+                "time_s": None,
+                "frames": [frame],
+            }
         )
     return {
         "version": 1,

@@ -43,9 +43,7 @@ def level(rate: Image, flags: Flags) -> float:
     return float(green[tenth : len(green) - tenth].mean())
 
 
-def lamp_gains(
-    shots: list[Taken], camera: Camera, levels: dict[str, float], manifest: Path
-) -> dict[str, float]:
+def lamp_gains(shots: list[Taken], camera: Camera, levels: dict[str, float], manifest: Path) -> dict[str, float]:
     """Light of the lamp at each shot, relative to that on the white plate.
 
     The photodiode follows the lamp from shot to shot; the monitors (repeats of θ = 0) tie it to what the
@@ -79,18 +77,16 @@ def lamp_gains(
         order = np.argsort([float(shot.time_s or 0) for shot in monitors])
         times = np.array([float(shot.time_s or 0) for shot in monitors])[order]
         gains = {
-            shot.shot: float(np.interp(float(shot.time_s or 0), times, np.array(relative)[order]))
-            for shot in shots
+            shot.shot: float(np.interp(float(shot.time_s or 0), times, np.array(relative)[order])) for shot in shots
         }
     elif relative:
         gains = {shot.shot: float(np.mean(relative)) for shot in shots}
     else:
         raise InputError(
-            f"{manifest}: has neither photodiode readings nor monitor shots; the lamp is not known"
+            f"{manifest}: has no photodiode readings, and no repeats of θ = 0 that the calibration knows;"
+            " calibrate with a manifest that has some"
         )
     for name, gain in gains.items():
         if not 0.5 <= gain <= 2:
-            raise InputError(
-                f"{manifest}: the lamp at shot '{name}' was {gain:.2f} times its light on the white plate"
-            )
+            raise InputError(f"{manifest}: the lamp at shot '{name}' was {gain:.2f} times its light on the white plate")
     return gains

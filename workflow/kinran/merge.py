@@ -54,13 +54,9 @@ def main(args: argparse.Namespace) -> None:
         write_shards(args.out, shard * SHARD, radiance, flags)
         saturated += int((flags & SATURATED).sum())
         samples += flags.size
-        print(
-            f"\rgroup {args.manifest.stem}: shard {k + 1} of {len(shards)}",
-            end="",
-            file=sys.stderr,
-            flush=True,
-        )
-    print(file=sys.stderr)
+        if sys.stderr.isatty():
+            print(f"\rshard {k + 1} of {len(shards)}", end="", file=sys.stderr, flush=True)
+    print(f"\rgroup {args.manifest.stem}: {len(wanted)} lights merged", file=sys.stderr)
     if args.receipt:
         receipt = {
             "fabric": plan.fabric,

@@ -73,9 +73,7 @@ def check_scan(path: Path) -> None:
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(
-            f"{path}: '{path.suffix}' is no known kind of scan; give one of {', '.join(SUFFIXES)}"
-        )
+        raise InputError(f"{path}: '{path.suffix}' is no known kind of scan; give one of {', '.join(SUFFIXES)}")
     size = path.stat().st_size
     if size == 0:
         raise InputError(f"{path}: is empty; scan again")
@@ -87,9 +85,7 @@ def check_scan(path: Path) -> None:
         if not start.startswith(b"ply") or not counts or not all(c.isdigit() for c in counts):
             raise InputError(f"{path}: has no PLY header; export the scan again")
         if (promised := sum(int(c) for c in counts)) > size:
-            raise InputError(
-                f"{path}: its header promises {promised} elements but it has {size} bytes; copy it again"
-            )
+            raise InputError(f"{path}: its header promises {promised} elements but it has {size} bytes; copy it again")
 
 
 def _load(path: Path) -> tuple[Any, Any]:
@@ -99,21 +95,15 @@ def _load(path: Path) -> tuple[Any, Any]:
     try:
         scan.load_new_mesh(str(path))
     except pymeshlab.PyMeshLabException as error:
-        raise InputError(
-            f"{path}: cannot be read as a mesh ({str(error).strip()}); export the scan again"
-        ) from None
+        raise InputError(f"{path}: cannot be read as a mesh ({str(error).strip()}); export the scan again") from None
     mesh = scan.current_mesh()
     if mesh.face_number() == 0:
-        raise InputError(
-            f"{path}: has {mesh.vertex_number()} vertices but no faces; export a mesh, not points"
-        )
+        raise InputError(f"{path}: has {mesh.vertex_number()} vertices but no faces; export a mesh, not points")
     vertices = mesh.vertex_matrix()
     if not np.isfinite(vertices).all():
         raise InputError(f"{path}: has vertices that are not finite; export without missing points")
     if not SMALLEST < (size := float(np.ptp(vertices, axis=0).max())) < LARGEST:
-        raise InputError(
-            f"{path}: is {size:.4g} mm long; a panel of cloth is not, scale the scan to millimetres"
-        )
+        raise InputError(f"{path}: is {size:.4g} mm long; a panel of cloth is not, scale the scan to millimetres")
     return pymeshlab, scan
 
 

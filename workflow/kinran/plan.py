@@ -54,9 +54,7 @@ def group_lights(thetas: Sequence[float], phis: int, meridians: int = 4) -> dict
         )
     width = max(2, len(str(len(starts) - 1)))
     return {
-        f"{i:0{width}d}": range(
-            first * oblique, min(first + meridians, phis) * oblique + (first == starts[-1])
-        )
+        f"{i:0{width}d}": range(first * oblique, min(first + meridians, phis) * oblique + (first == starts[-1]))
         for i, first in enumerate(starts)
     }
 
@@ -135,9 +133,7 @@ def _check_grid(thetas: Sequence[float], phis: int, meridians: int) -> None:
         raise InputError(f"phis {phis}: give a number of meridians from 1 to 360")
     most = LARGEST_GROUP // (len(thetas) - 1)
     if not 1 <= meridians <= max(most, 1):
-        raise InputError(
-            f"meridians {meridians}: a group has at most {LARGEST_GROUP} lights; give 1 to {most}"
-        )
+        raise InputError(f"meridians {meridians}: a group has at most {LARGEST_GROUP} lights; give 1 to {most}")
 
 
 def _lights(thetas: list[float], phis: int, lamp_mm: float | None) -> list[PlanLight]:
@@ -168,16 +164,12 @@ def _vector(values: list[float], digits: int) -> Vector:
 def _group_shots(lights: list[PlanLight], own: range, first: int, last: int) -> list[Shot]:
     """The directions of meridians `first` to `last` in the quicker of two serpentines, monitors spread."""
     pole = lights[-1]
-    directions = [
-        Shot(lights[i].name, "light", i, lights[i].theta, lights[i].phi) for i in own if i != pole.index
-    ]
+    directions = [Shot(lights[i].name, "light", i, lights[i].theta, lights[i].phi) for i in own if i != pole.index]
     inner_phi = _serpentine(directions, rows="theta")
     inner_theta = _serpentine(directions, rows="phi")
     shots = min(inner_phi, inner_theta, key=_travel)
     phis = sorted({shot.phi for shot in directions})
-    monitors = [
-        Shot(f"monitor_{first + i + 1}", "monitor", pole.index, pole.theta, phi) for i, phi in enumerate(phis)
-    ]
+    monitors = [Shot(f"monitor_{first + i + 1}", "monitor", pole.index, pole.theta, phi) for i, phi in enumerate(phis)]
     gaps = max(len(monitors) - 1, 1)
     for i in reversed(range(len(monitors))):
         shots.insert(round(i * len(directions) / gaps), monitors[i])
@@ -229,7 +221,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> None:
     """Write a plan."""
-    plan = plan_grid(
-        args.fabric, args.thetas, args.phis, args.exposures, args.meridians, args.lamp_mm, args.field_mm
-    )
+    plan = plan_grid(args.fabric, args.thetas, args.phis, args.exposures, args.meridians, args.lamp_mm, args.field_mm)
     write_plan(args.out, plan)

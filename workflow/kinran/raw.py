@@ -75,9 +75,7 @@ def read_raw(path: Path) -> RawFrame:
             return RawFrame(planes, black, masked, float(raw.white_level), raw.other.shutter_speed)
     except (rawpy.LibRawError, KeyError) as error:
         message = error.args[0].decode() if error.args and isinstance(error.args[0], bytes) else error
-        raise InputError(
-            f"{path}: cannot be read as RAW ({message}); copy it from the camera again"
-        ) from None
+        raise InputError(f"{path}: cannot be read as RAW ({message}); copy it from the camera again") from None
 
 
 def _middle(counts: NDArray[np.uint16]) -> float:

@@ -91,7 +91,7 @@ def render(scene: Any, spp: int, progress: Callable[[int], None] = lambda done: 
     scene
         A loaded Mitsuba scene.
     spp
-        Samples a pixel; rounded up to whole passes of 8 above 8.
+        Samples a pixel.
     progress
         Called with the number of samples done after each pass.
 
@@ -102,15 +102,13 @@ def render(scene: Any, spp: int, progress: Callable[[int], None] = lambda done: 
     """
     import mitsuba as mi
 
-    size = min(spp, PASS)
-    passes = -(-spp // size)
-    total: NDArray[np.float64] | None = None
-    for k in range(passes):
-        picture = np.array(mi.render(scene, spp=size, seed=k), np.float64)[..., :3]
-        total = picture if total is None else total + picture
-        progress((k + 1) * size)
-    assert total is not None
-    return (total / passes).astype(np.float32)
+    width, height = scene.sensors()[0].film().crop_size()
+    total = np.zeros((height, width, 3))
+    for done in range(0, spp, PASS):
+        samples = min(PASS, spp - done)
+        total += samples * np.array(mi.render(scene, spp=samples, seed=done), np.float64)[..., :3]
+        progress(done + samples)
+    return (total / spp).astype(np.float32)
 
 
 def develop(picture: Picture, exposure: float = 1.0) -> NDArray[np.uint8]:
@@ -167,9 +165,7 @@ def picture(scene_file: Path, out: Path, spp: int | None = None, variant: str | 
     image = render(scene, samples, progress)
     rendered = time.perf_counter()
     if not np.isfinite(image).all():
-        raise InputError(
-            f"{scene_file}: renders to values that are not finite; check its material and lights"
-        )
+        raise InputError(f"{scene_file}: renders to values that are not finite; check its material and lights")
     write_rgb(out, image)
     _write_png(out.with_suffix(".png"), Image.fromarray(develop(image)))
     write_json(

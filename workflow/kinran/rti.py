@@ -34,7 +34,15 @@ def main(args: argparse.Namespace) -> None:
     folder, out = args.folder.resolve(), args.out.resolve()
     inspect(folder, args.encoding, args.crop, args.holdout)
     work = prepare(folder, out, args.encoding, args.crop, args.holdout)
-    command = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--directory", str(work)]
+    command = [
+        sys.executable,
+        "-m",
+        "snakemake",
+        "--snakefile",
+        str(ROOT / "Snakefile"),
+        "--directory",
+        str(work),
+    ]
     finished = subprocess.run([*command, "--cores", str(args.cores), "--quiet", "rules"], check=False)
     if finished.returncode:
         raise InputError(f"{out}: the run did not finish; the messages above and {work / 'logs'} say why")
@@ -61,7 +69,10 @@ def prepare(folder: Path, out: Path, encoding: str, crop: str, holdout: int) -> 
         defaults["rig"]["device"] = "none"
         defaults["scene"]["template"] = str(ROOT / defaults["scene"]["template"])
         (work / "config.yaml").write_text(yaml.safe_dump(defaults, sort_keys=False), encoding="utf-8")
-        rows = ["fabric\tsource\tencoding\tcrop\tregions", "\t".join([fabric, str(folder), encoding, crop, ""])]
+        rows = [
+            "fabric\tsource\tencoding\tcrop\tregions",
+            "\t".join([fabric, str(folder), encoding, crop, ""]),
+        ]
         (work / "config" / "fabrics.tsv").write_text("\n".join(rows) + "\n", encoding="utf-8")
         (work / "config" / "recapture.tsv").write_text("fabric\ttheta\tphi\trevision\treason\n", encoding="utf-8")
     except OSError as error:

@@ -143,9 +143,7 @@ def blend(cloth: ET.Element) -> ET.Element:
     """A `blendbsdf` of a texture (weight 0) and a `kinran` BSDF (weight 1) in place of that BSDF."""
     inner = deepcopy(cloth)
     names = {key: inner.attrib.pop(key) for key in ("id", "name") if key in inner.attrib}
-    texture = _element(
-        "bsdf", _bitmap("reflectance", "texture.exr", False, "bilinear", cloth), type="diffuse"
-    )
+    texture = _element("bsdf", _bitmap("reflectance", "texture.exr", False, "bilinear", cloth), type="diffuse")
     return _element(
         "bsdf",
         _bitmap("weight", "fitted.exr", True, "nearest", cloth),
@@ -224,9 +222,7 @@ def assemble(template: Path, mesh: Path, material: Path, out: Path) -> Path:
     fabric = _read_material(material)
     labels = unfitted_labels(fabric)
     if fabric.texel_mm is not None and not SMALLEST < fabric.texel_mm < LARGEST:
-        raise InputError(
-            f"{material}: kinran:texel_mm is {fabric.texel_mm:g}; give the size of a texel in millimetres"
-        )
+        raise InputError(f"{material}: kinran:texel_mm is {fabric.texel_mm:g}; give the size of a texel in millimetres")
     cloth = uv_size(mesh)
     paths = {
         "mesh": Path(os.path.relpath(mesh, out)).as_posix(),
@@ -245,9 +241,7 @@ def assemble(template: Path, mesh: Path, material: Path, out: Path) -> Path:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--template", type=Path, required=True, help="scene with defaults, such as scenes/drape.xml"
-    )
+    parser.add_argument("--template", type=Path, required=True, help="scene with defaults, such as scenes/drape.xml")
     parser.add_argument("--mesh", type=Path, required=True, help="PLY that kinran mesh made")
     parser.add_argument("--material", type=Path, required=True, help="material EXR that kinran fit made")
     parser.add_argument("--out", type=Path, required=True, help="folder to write scene.xml to")

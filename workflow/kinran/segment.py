@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from kinran_bsdf.colours import TO_REC709
 from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2
 from scipy.ndimage import uniform_filter
@@ -25,9 +26,6 @@ LEAST_TEXELS = 32
 LEAST_SHARE = 0.005
 STARTS = 10
 ROUNDS = 20
-ACESCG_TO_REC709 = np.array(
-    [[1.70505, -0.62179, -0.08326], [-0.13026, 1.14080, -0.01055], [-0.02400, -0.12897, 1.15297]]
-)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -80,9 +78,7 @@ def statistics(
     return median, peak, middle
 
 
-def standardised(
-    median: NDArray[np.float32], peak: NDArray[np.float32], middle: NDArray[np.float32]
-) -> Array:
+def standardised(median: NDArray[np.float32], peak: NDArray[np.float32], middle: NDArray[np.float32]) -> Array:
     """Features (texel, 4): log chroma (R/G, B/G), log luminance, shininess; each of unit spread."""
     floor = 1e-3 * max(float(np.percentile(median, 99)), 1e-6) + 1e-6
     m = np.log(np.maximum(median.astype(float), 0) + floor)
@@ -91,7 +87,7 @@ def standardised(
     # a thread is wider than a texel: its neighbours speak for it, too
     columns = uniform_filter(columns, size=(3, 3, 1), mode="nearest").reshape(-1, 4)
     spread = columns.std(0)
-    return (columns - columns.mean(0)) / np.where(spread > 1e-6, spread, 1.0)
+    return np.asarray((columns - columns.mean(0)) / np.where(spread > 1e-6, spread, 1.0))
 
 
 def cluster(features: Array, count: int, name: str, strict: bool) -> tuple[NDArray[np.intp], Array]:
@@ -121,6 +117,10 @@ def cluster(features: Array, count: int, name: str, strict: bool) -> tuple[NDArr
     least = max(LEAST_TEXELS, int(LEAST_SHARE * len(features)))
     if len(features) < least:
         raise InputError(f"{name}: {len(features)} texels are too few to segment; {least} are needed")
+    different = len(np.unique(features[:: max(1, len(features) // 20000)], axis=0))
+    count = count if strict else min(count, different)
+    if different < count:
+        raise InputError(f"{name}: all texels look alike ({different} kinds for {count} regions); ask for fewer regions")
     while True:
         labels = _kmeans(features, count)
         for _ in range(ROUNDS):
@@ -138,7 +138,7 @@ def cluster(features: Array, count: int, name: str, strict: bool) -> tuple[NDArr
                 f"{name}: with {count} regions one has only {sizes.min()} texels ({least} are needed);"
                 " ask for fewer regions"
             )
-        count = int((sizes >= least).sum()) if (sizes >= least).sum() < count else count - 1
+        count = min(int((sizes >= least).sum()), count - 1)
 
 
 def _kmeans(features: Array, count: int) -> NDArray[np.intp]:
@@ -191,7 +191,7 @@ def describe(
     taken: dict[str, int] = {}
     for k in range(int(labels.max()) + 1):
         inside = labels == k
-        rgb = ACESCG_TO_REC709 @ (to_acescg @ np.median(median[inside], axis=0))
+        rgb = TO_REC709 @ (to_acescg @ np.median(median[inside], axis=0))
         shininess = float(np.median(np.log((peak[inside] + 1e-4) / (middle[inside] + 1e-4))))
         name = colour_name(rgb)
         taken[name] = taken.get(name, 0) + 1

@@ -31,9 +31,7 @@ def measure_dark(dark: Bracket) -> tuple[tuple[float, float, float, float], floa
     black = np.nanmean(kept, axis=(0, 2, 3))
     read = float(np.nanstd(kept[-1] - black[:, None, None]))
     if not 0.1 < read < 200:
-        raise InputError(
-            f"shot '{dark.shot.shot}': a read noise of {read:.2f} counts is not plausible; shoot it again"
-        )
+        raise InputError(f"shot '{dark.shot.shot}': a read noise of {read:.2f} counts is not plausible; shoot it again")
     hot = (counts - black[:, None, None] > HOT_SIGMA * read).any(0)
     a, b, c, d = (float(value) for value in black)
     return (a, b, c, d), read, hot
@@ -78,9 +76,7 @@ def photon_transfer(white: Bracket, black: Array, saturation: float, read: float
         weights.append(1 / max(variance, read**2))
     w = np.array(weights)
     if not rows:
-        raise InputError(
-            f"shot '{white.shot.shot}': no exposure is lit but under saturation; add shorter ones"
-        )
+        raise InputError(f"shot '{white.shot.shot}': no exposure is lit but under saturation; add shorter ones")
     A, b = np.array(rows) * w[:, None], np.array(variances) * w
     gain, pattern = np.linalg.lstsq(A, b, rcond=None)[0] if len(rows) > 1 else (0.0, -1.0)
     if pattern < 0:
@@ -93,9 +89,7 @@ def photon_transfer(white: Bracket, black: Array, saturation: float, read: float
     return float(gain)
 
 
-def measure_exposures(
-    lit: Sequence[Bracket], blacks: Sequence[Array], response: Response
-) -> tuple[Exposure, ...]:
+def measure_exposures(lit: Sequence[Bracket], blacks: Sequence[Array], response: Response) -> tuple[Exposure, ...]:
     """True shutter times: ratios of neighbouring exposures from the pictures, the longest at its third stop.
 
     Raises
@@ -120,9 +114,7 @@ def measure_exposures(
             )
         times.append(times[-1] / float(measured))
         sites.append(int(sums[2]) if sums[2] >= LEAST_SITES else 0)
-    return tuple(
-        Exposure(float(n), float(p), t, s) for n, p, t, s in zip(nominal, prior, times, sites, strict=True)
-    )
+    return tuple(Exposure(float(n), float(p), t, s) for n, p, t, s in zip(nominal, prior, times, sites, strict=True))
 
 
 def third_stop(nominal: float) -> float:

@@ -21,6 +21,10 @@ Flags = NDArray[np.uint8]
 
 MISLABELLED = 0.10
 """An exposure that is further than this from its calibrated time is another one."""
+FLICKER = 0.005
+"""How well lamp and shutter repeat from frame to frame, relative."""
+BLACK_ERROR = 0.05
+"""How well the darkness of a frame is known, in counts."""
 
 
 @dataclass(frozen=True)
@@ -110,18 +114,13 @@ def read_bracket(shot: Taken) -> Bracket:
     for k, frame in enumerate(ordered):
         raw = read_raw(frame.path)
         if k and frame.nominal_s == ordered[k - 1].nominal_s:
-            raise InputError(
-                f"{frame.path}: its exposure {frame.nominal_s:g} s stands twice in shot '{shot.shot}'"
-            )
+            raise InputError(f"{frame.path}: its exposure {frame.nominal_s:g} s stands twice in shot '{shot.shot}'")
         if raw.seconds and abs(raw.seconds / frame.nominal_s - 1) > MISLABELLED:
             raise InputError(
-                f"{frame.path}: EXIF says {raw.seconds:g} s but the manifest"
-                f" {frame.nominal_s:g} s; shoot it again"
+                f"{frame.path}: EXIF says {raw.seconds:g} s but the manifest {frame.nominal_s:g} s; shoot it again"
             )
         if frames and raw.planes.shape != frames[0].planes.shape:
-            raise InputError(
-                f"{frame.path}: its size differs from that of {ordered[0].path.name}; shoot it again"
-            )
+            raise InputError(f"{frame.path}: its size differs from that of {ordered[0].path.name}; shoot it again")
         frames.append(raw)
     return Bracket(
         shot,
@@ -147,9 +146,8 @@ def merge_bracket(bracket: Bracket, camera: Camera) -> tuple[Image, Flags]:
     InputError
         An exposure is not the one that its name says.
     """
-    seconds = np.array([camera.seconds(nominal) for nominal in bracket.nominal_s])
     black = site_black(bracket, camera.black, camera.masked)
-    _check_ratios(bracket, black, seconds, camera)
+    seconds = _shot_seconds(bracket, black, camera)
     merged = [estimate(bracket.planes[:, k], black[:, k], seconds, camera.response) for k in range(4)]
     rate = np.stack([plane for plane, _ in merged])
     sigma = np.stack([plane for _, plane in merged])
@@ -173,36 +171,40 @@ def merge_bracket(bracket: Bracket, camera: Camera) -> tuple[Image, Flags]:
 def site_black(bracket: Bracket, black: tuple[float, ...], masked: bool) -> NDArray[np.float64]:
     """(exposure, 4) counts of darkness of each frame and site."""
     if masked and not bracket.masked:
-        raise InputError(
-            f"shot '{bracket.shot.shot}': its frames have no masked border, but the dark ones had"
-        )
+        raise InputError(f"shot '{bracket.shot.shot}': its frames have no masked border, but the dark ones had")
     return np.array(black) + (bracket.black[:, None] if masked else 0.0)
 
 
 def light_of(bracket: Bracket, black: NDArray[np.float64], exposure: int) -> Image:
     """(2, y, x) counts over black of the green sites of one exposure."""
-    return bracket.planes[exposure, 1:3].astype(np.float32) - black[exposure, 1:3, None, None].astype(
-        np.float32
-    )
+    return bracket.planes[exposure, 1:3].astype(np.float32) - black[exposure, 1:3, None, None].astype(np.float32)
 
 
-def _check_ratios(
-    bracket: Bracket, black: NDArray[np.float64], seconds: NDArray[np.float64], camera: Camera
-) -> None:
+def _shot_seconds(bracket: Bracket, black: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
+    """(exposure,) times of the frames of this shot, lamp and shutter as they were; their log mean is calibrated.
+
+    The calibrated ratio of two exposures is the prior, what this shot's pictures say the measurement.
+    """
+    calibrated = np.array([camera.seconds(nominal) for nominal in bracket.nominal_s])
+    seconds = calibrated.copy()
     for k in range(len(seconds) - 1):
         longer, shorter = light_of(bracket, black, k), light_of(bracket, black, k + 1)
         top, bottom, sites = ratio_sums(longer, shorter, camera.response.clip)
-        noise = np.sqrt(max(bottom, 0) * camera.response.gain + sites * camera.response.read**2)
-        if sites < 50 or bottom < 100 * noise:
-            continue
-        off = top / bottom / (seconds[k] / seconds[k + 1]) - 1
-        if abs(off) > MISLABELLED:
-            frames = sorted(bracket.shot.frames, key=lambda frame: -frame.nominal_s)
-            raise InputError(
-                f"{frames[k + 1].path}: is {1 / (1 + off):.2f} times as bright beside"
-                f" {frames[k].path.name} as their exposures say; they are mislabelled or"
-                " the lamp failed: shoot them again"
-            )
+        shot_noise = max(bottom, 0) * camera.response.gain + sites * camera.response.read**2
+        noise = np.hypot(np.sqrt(shot_noise), sites * BLACK_ERROR)
+        off = 0.0
+        if sites >= 50 and bottom > 30 * noise:
+            off = top / bottom / (calibrated[k] / calibrated[k + 1]) - 1
+            if abs(off) > MISLABELLED:
+                frames = sorted(bracket.shot.frames, key=lambda frame: -frame.nominal_s)
+                raise InputError(
+                    f"{frames[k + 1].path}: is {1 / (1 + off):.2f} times as bright beside"
+                    f" {frames[k].path.name} as their exposures say; they are mislabelled or"
+                    " the lamp failed: shoot them again"
+                )
+            off *= FLICKER**2 / (FLICKER**2 + (noise / bottom) ** 2)
+        seconds[k + 1] = seconds[k] * (calibrated[k + 1] / calibrated[k]) / (1 + off)
+    return np.asarray(seconds * np.exp(np.mean(np.log(calibrated / seconds))))
 
 
 def read_light(shot: Taken, calibration: Calibration) -> tuple[Image, Flags]:
@@ -215,9 +217,7 @@ def read_light(shot: Taken, calibration: Calibration) -> tuple[Image, Flags]:
     """
     if len(shot.frames) != 1:
         raise InputError(f"shot '{shot.shot}' has {len(shot.frames)} photographs; one is needed")
-    photograph = read_photograph(
-        shot.frames[0].path, parse(calibration.encoding), parse_crop(calibration.crop)
-    )
+    photograph = read_photograph(shot.frames[0].path, parse(calibration.encoding), parse_crop(calibration.crop))
     height, width = photograph.light.shape[:2]
     if (height, width) != (calibration.height, calibration.width):
         raise InputError(

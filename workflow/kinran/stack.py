@@ -150,9 +150,7 @@ class Stack:
             for x in range(0, self.width, side)
         ]
 
-    def read_tile(
-        self, y0: int, y1: int, x0: int, x1: int, lights: ArrayLike | None = None
-    ) -> tuple[Image, Flags]:
+    def read_tile(self, y0: int, y1: int, x0: int, x1: int, lights: ArrayLike | None = None) -> tuple[Image, Flags]:
         """Read a tile under all lights, or under those of these indices.
 
         Returns
@@ -170,9 +168,7 @@ class Stack:
         for name in NAMES:
             for shard in shards if lights is None else np.unique(np.asarray(lights, np.intp) // SHARD):
                 if not shard_path(self.path, name, int(shard)).is_file():
-                    raise InputError(
-                        f"{shard_path(self.path, name, int(shard))}: is missing; merge its group"
-                    )
+                    raise InputError(f"{shard_path(self.path, name, int(shard))}: is missing; merge its group")
         try:
             # whole chunks of 8 lights are decoded in any case: take what is asked for afterwards
             radiance, flags = (array[:, y0:y1, x0:x1] for array in self._arrays)
@@ -226,11 +222,7 @@ def write_shards(folder: Path, first: int, radiance: Image, flags: Flags) -> lis
     values = np.asarray(radiance, np.float32)
     finite = np.isfinite(values)
     over = np.abs(values) > LARGEST
-    bits = (
-        flags
-        | np.where(finite, 0, HOT).astype(np.uint8)
-        | np.where(finite & over, SATURATED, 0).astype(np.uint8)
-    )
+    bits = flags | np.where(finite, 0, HOT).astype(np.uint8) | np.where(finite & over, SATURATED, 0).astype(np.uint8)
     half = np.clip(np.where(finite, values, 0), -LARGEST, LARGEST).astype(np.float16)
     written = []
     with _scratch(folder) as scratch:
@@ -267,9 +259,7 @@ def write_metadata(
         "crop": crop,
         "colour": {"name": colour, "to_acescg": np.asarray(to_acescg, float).tolist()},
         "noise": noise,
-        "unit": "1 is the encoding's white"
-        if encoding
-        else "pi T: a white diffuser that faces the lamp is 1",
+        "unit": "1 is the encoding's white" if encoding else "pi T: a white diffuser that faces the lamp is 1",
     }
     import zarr
 
@@ -290,9 +280,7 @@ def _scratch(folder: Path) -> Iterator[Path]:
         folder.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(prefix=".part-", dir=folder))
     except OSError as error:
-        raise InputError(
-            f"{folder}: cannot be written to ({error.strerror}); choose another output folder"
-        ) from None
+        raise InputError(f"{folder}: cannot be written to ({error.strerror}); choose another output folder") from None
     try:
         yield scratch
     finally:

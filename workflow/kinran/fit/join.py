@@ -5,14 +5,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from kinran_bsdf.material import Material, write_material
+from kinran_bsdf.models import clamp
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from kinran.files import InputError, sha256, write_json
 from kinran.fit.tile import MODELS
 from kinran.labels import read_labels, read_regions
 from kinran.stack import Stack
-from kinran_bsdf.material import Material, write_material
-from kinran_bsdf.models import clamp
 
 Map = NDArray[np.float32]
 
@@ -45,6 +46,7 @@ def main(args: argparse.Namespace) -> None:
             peak = max(peak, float(data["peak_mb"]))
     if not covered.all():
         raise InputError(f"{args.out}: {int((~covered).sum())} texels have no fit; give all runs of the model")
+    filled = _fill(maps, maps.pop("fit.valid") > 0, labels)
     channels = _material_channels(maps, stack.to_acescg)
     channels["label"] = labels.astype(np.float32)
     model = args.model
@@ -81,6 +83,7 @@ def main(args: argparse.Namespace) -> None:
             "microseconds_per_texel": round(1e6 * totals["cpu_seconds"] / labels.size, 2),
             "peak_mb": round(peak),
             "bytes_per_texel": 2 * (len(maps) + 1),
+            "filled_texels": filled,
             "clamped_share": round(float((bound < 1).mean()), 5),
         },
     )
@@ -96,6 +99,21 @@ def _scatter(data: "np.lib.npyio.NpzFile", maps: dict[str, Map], covered: NDArra
             plane[y0:y1, x0:x1] = data[name][start:stop].reshape(y1 - y0, x1 - x0)
         covered[y0:y1, x0:x1] = True
         start = stop
+
+
+def _fill(maps: dict[str, Map], valid: NDArray[np.bool_], labels: NDArray[np.intp]) -> int:
+    """Give texels without a fit of their own that of the nearest one of their region; returns their number."""
+    for label in np.unique(labels[~valid]):
+        donors = valid & (labels == label)
+        if not donors.any():
+            donors = valid
+        if not donors.any():
+            return 0
+        _, (y, x) = distance_transform_edt(~donors, return_indices=True)
+        hole = ~valid & (labels == label)
+        for plane in maps.values():
+            plane[hole] = plane[y[hole], x[hole]]
+    return int((~valid).sum())
 
 
 def _material_channels(maps: dict[str, Map], to_acescg: NDArray[np.float64]) -> dict[str, Map]:

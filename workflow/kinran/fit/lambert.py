@@ -4,9 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def fit(
-    T: NDArray[np.float32], W: NDArray[np.float32], lights: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def fit(T: NDArray[np.float32], W: NDArray[np.float32], lights: NDArray[np.float64]) -> NDArray[np.float64]:
     """Weighted least squares of T = C_d cos θ_i, C_d ≥ 0; (texel, 3).
 
     Parameters

@@ -20,7 +20,7 @@ GAUSSIAN, GGX = 0, 1
 TAILS = {"gaussian": GAUSSIAN, "ggx": GGX}
 
 
-@njit(cache=True, nogil=True, inline="always")  # type: ignore[misc]
+@njit(cache=True, nogil=True, inline="always")
 def lobe(tail: int, p: Array, sx: float, sy: float, derivative: Array) -> float:
     """Value of a lobe at half-vector slopes (sx, sy); its derivatives by `p` go into `derivative` (5,)."""
     dx, dy = sx - p[0], sy - p[1]
@@ -41,7 +41,7 @@ def lobe(tail: int, p: Array, sx: float, sy: float, derivative: Array) -> float:
     return g
 
 
-@njit(cache=True, nogil=True, inline="always")  # type: ignore[misc]
+@njit(cache=True, nogil=True, inline="always")
 def diffuse(p: Array, lx: float, ly: float, lz: float, derivative: Array) -> float:
     """Cosine at the light (lx, ly, lz) to the unnormalised normal (p₀, p₁, 1), and its derivatives (2,)."""
     cosine = lz + p[0] * lx + p[1] * ly

@@ -115,10 +115,10 @@ def fit(
         Of the machine; the result does not depend on it.
     """
     count, n = len(T), len(lights)
-    l = np.ascontiguousarray(lights, float)
-    s = np.ascontiguousarray(frames.slopes(l))
+    lights = np.ascontiguousarray(lights, float)
+    s = np.ascontiguousarray(frames.slopes(lights))
     W = np.where(np.isfinite(T).all(1), W, 0).astype(np.float32)
-    low, high = bounds(l, lobes)
+    low, high = bounds(lights, lobes)
     size = shape_count(lobes)
     centre, stiffness = np.zeros((count, size)), np.zeros((count, size))
     if priors is not None and region is not None:
@@ -129,7 +129,20 @@ def fit(
     def block(start: int) -> None:
         at = slice(start, min(start + BLOCK, count))
         fit_block(
-            TAILS[tail], lobes, T[at], W[at], s, l, low, high, centre[at], stiffness[at], ITERATIONS, P[at], C[at], F[at]
+            TAILS[tail],
+            lobes,
+            T[at],
+            W[at],
+            s,
+            lights,
+            low,
+            high,
+            centre[at],
+            stiffness[at],
+            ITERATIONS,
+            P[at],
+            C[at],
+            F[at],
         )
 
     assert T.shape == (count, 3, n)

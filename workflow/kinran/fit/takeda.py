@@ -23,9 +23,7 @@ class TakedaFit:
     colours: Array
 
 
-def four_steps(
-    T: NDArray[np.float32], lights: Array, polar_tolerance: float, azimuth_tolerance: float
-) -> TakedaFit:
+def four_steps(T: NDArray[np.float32], lights: Array, polar_tolerance: float, azimuth_tolerance: float) -> TakedaFit:
     """Fit Eq. 3 to samples by the four steps of the paper.
 
     Step 1 is read as Eq. 3 needs it: the half vector of the brightest light is the normal. Taken word for
@@ -71,9 +69,7 @@ def _near(phi: Array, centre: Array, tolerance: float) -> NDArray[np.bool_]:
     return np.asarray(np.abs(frames.wrap(phi - centre[:, None])) <= tolerance)
 
 
-def _width(
-    x: Array, fall: Array, used: NDArray[np.bool_], low: float, high: float, default: float
-) -> Array:
+def _width(x: Array, fall: Array, used: NDArray[np.bool_], low: float, high: float, default: float) -> Array:
     """Least squares of fall = (x / width)² over the used samples of each texel; `default` without any."""
     square = np.where(used, x * x, 0)
     top, bottom = (square**2).sum(1), (square * fall).sum(1)

@@ -15,6 +15,8 @@ from kinran.fit.lobes import squared_widths
 from kinran.labels import read_labels
 from kinran.stack import Stack
 
+LEAST_SAMPLES = 4
+"""Texels with fewer usable samples, such as those on a defect of the sensor, have no fit of their own."""
 MODELS = ("takeda2008", "slope", "lambert")
 SHAPES = {
     "takeda2008": ("theta", "phi", "dt", "dp"),
@@ -58,20 +60,20 @@ def main(args: argparse.Namespace) -> None:
         reading += time.process_time() - before
         region = samples.cut(labels, box)
         parts.append(_fit(args, stack, tile, region, priors))
+        parts[-1]["fit.valid"] = ((tile.W > 0).sum(1) >= LEAST_SAMPLES).astype(float)
         done += len(region)
         print(f"{args.model}: {done} of {total} texels", file=sys.stderr, flush=True)
     seconds = time.process_time() - start - reading
     names = list(parts[0]) if parts else []
     arrays = {name: np.concatenate([part[name] for part in parts]).astype(np.float32) for name in names}
     with atomic(args.out) as temporary, temporary.open("wb") as file:
-        np.savez(
-            file,
-            boxes=np.array(boxes, np.int64).reshape(-1, 4),
-            cpu_seconds=seconds,
-            read_seconds=reading,
-            peak_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-            **arrays,
-        )
+        costs = {
+            "boxes": np.array(boxes, np.int64).reshape(-1, 4),
+            "cpu_seconds": np.array(seconds),
+            "read_seconds": np.array(reading),
+            "peak_mb": np.array(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+        }
+        np.savez(file, allow_pickle=False, **costs, **arrays)
 
 
 def _fit(

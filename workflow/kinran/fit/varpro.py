@@ -1,6 +1,6 @@
 """Variable projection: lobes and a diffuse term fitted to one texel at a time.
 
-T_c(l) = Σ_k C_k,c G_k(l; p_k) with C ≥ 0 (Takeda2008, Eq. 3, with its lobe in slope space). The linear C are
+T_c(light) = Σ_k C_k,c G_k(l; p_k) with C ≥ 0 (Takeda2008, Eq. 3, with its lobe in slope space). The linear C are
 eliminated by non-negative least squares per channel, the shapes p found by Levenberg-Marquardt with Kaufman's
 approximation of the projected Jacobian, under a Gaussian prior on p.
 """
@@ -22,7 +22,7 @@ TOLERANCE = 1e-5
 RIDGE = 1e-9
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc]
+@njit(cache=True, nogil=True)
 def cholesky_solve(A: Array, b: Array, n: int, L: Array, x: Array) -> bool:
     """Solve the leading n×n system of symmetric A; False where A is not positive definite."""
     for i in range(n):
@@ -49,7 +49,7 @@ def cholesky_solve(A: Array, b: Array, n: int, L: Array, x: Array) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc]
+@njit(cache=True, nogil=True)
 def nonnegative(A: Array, b: Array, m: int, x: Array) -> float:
     """Minimise xᵀAx - 2bᵀx over x ≥ 0 by trying every active set (m ≤ 3); returns the minimum."""
     best = 0.0
@@ -84,9 +84,19 @@ def nonnegative(A: Array, b: Array, m: int, x: Array) -> float:
     return best
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc]
+@njit(cache=True, nogil=True)
 def project(
-    tail: int, lobes: int, p: Array, Y: Array, w: Array, s: Array, l: Array, G: Array, D: Array, A: Array, C: Array
+    tail: int,
+    lobes: int,
+    p: Array,
+    Y: Array,
+    w: Array,
+    s: Array,
+    light: Array,
+    G: Array,
+    D: Array,
+    A: Array,
+    C: Array,
 ) -> float:
     """Weighted squared residual of the best C for shapes p; fills G (n, m), D (n, K), A (m, m), C (m, 3)."""
     m = lobes + 1
@@ -98,7 +108,7 @@ def project(
             at = LOBE_SIZE * k
             G[i, k] = lobe(tail, p[at : at + LOBE_SIZE], s[i, 0], s[i, 1], D[i, at : at + LOBE_SIZE])
         at = LOBE_SIZE * lobes
-        G[i, lobes] = diffuse(p[at:], l[i, 0], l[i, 1], l[i, 2], D[i, at:])
+        G[i, lobes] = diffuse(p[at:], light[i, 0], light[i, 1], light[i, 2], D[i, at:])
         for a in range(m):
             weighted = w[i] * G[i, a]
             for c in range(a + 1):
@@ -118,7 +128,7 @@ def project(
     return max(total, 0.0)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc]
+@njit(cache=True, nogil=True)
 def normal_equations(
     lobes: int, Y: Array, w: Array, G: Array, D: Array, A: Array, C: Array, H: Array, g: Array
 ) -> None:
@@ -167,7 +177,7 @@ def normal_equations(
             H[k, j] = H[j, k] = value * colour
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc]
+@njit(cache=True, nogil=True)
 def clamp(p: Array, low: Array, high: Array) -> None:
     """Keep shapes inside their bounds; what is not finite becomes their middle."""
     for k in range(p.size):
@@ -176,7 +186,7 @@ def clamp(p: Array, low: Array, high: Array) -> None:
         p[k] = min(max(p[k], low[k]), high[k])
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc]
+@njit(cache=True, nogil=True)
 def penalty(p: Array, centre: Array, stiffness: Array) -> float:
     """Σ ρ_k (p_k - p̄_k)²."""
     total = 0.0
@@ -185,7 +195,7 @@ def penalty(p: Array, centre: Array, stiffness: Array) -> float:
     return total
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc]
+@njit(cache=True, nogil=True)
 def fit_texel(
     tail: int,
     lobes: int,
@@ -193,7 +203,7 @@ def fit_texel(
     Y: Array,
     w: Array,
     s: Array,
-    l: Array,
+    light: Array,
     low: Array,
     high: Array,
     centre: Array,
@@ -206,7 +216,7 @@ def fit_texel(
     G, D, A, H = np.empty((n, m)), np.empty((n, K)), np.empty((m, m)), np.empty((K, K))
     g, step, trial, damped, L = np.empty(K), np.empty(K), np.empty(K), np.empty((K, K)), np.empty((K, K))
     clamp(p, low, high)
-    cost = project(tail, lobes, p, Y, w, s, l, G, D, A, C) + penalty(p, centre, stiffness)
+    cost = project(tail, lobes, p, Y, w, s, light, G, D, A, C) + penalty(p, centre, stiffness)
     damping = DAMPING_START
     for _ in range(iterations):
         normal_equations(lobes, Y, w, G, D, A, C, H, g)
@@ -223,7 +233,7 @@ def fit_texel(
                 for k in range(K):
                     trial[k] = p[k] + min(max(step[k], -1.0), 1.0)
                 clamp(trial, low, high)
-                new = project(tail, lobes, trial, Y, w, s, l, G, D, A, C) + penalty(trial, centre, stiffness)
+                new = project(tail, lobes, trial, Y, w, s, light, G, D, A, C) + penalty(trial, centre, stiffness)
                 if new < cost:
                     accepted = True
                     break
@@ -236,11 +246,11 @@ def fit_texel(
         damping = max(damping * DAMPING_DOWN, 1e-9)
         if gain < TOLERANCE:
             break
-    return project(tail, lobes, p, Y, w, s, l, G, D, A, C)
+    return project(tail, lobes, p, Y, w, s, light, G, D, A, C)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc]
-def moment_start(tail: int, y: Array, s: Array, l: Array, w: Array, p: Array) -> None:
+@njit(cache=True, nogil=True)
+def moment_start(tail: int, y: Array, s: Array, light: Array, w: Array, p: Array) -> None:
     """Start of one lobe from the moments, in slope space, of what stands above the diffuse floor.
 
     `y` (n,) is the luminance; the floor is the 20th percentile of y / cos θ_i, the threshold a quarter of the
@@ -250,18 +260,18 @@ def moment_start(tail: int, y: Array, s: Array, l: Array, w: Array, p: Array) ->
     ratios = np.empty(n)
     count = 0
     for i in range(n):
-        if l[i, 2] > 0.3 and w[i] > 0.0:
-            ratios[count] = y[i] / l[i, 2]
+        if light[i, 2] > 0.3 and w[i] > 0.0:
+            ratios[count] = y[i] / light[i, 2]
             count += 1
     floor = np.sort(ratios[:count])[count // 5] if count else 0.0
     above = np.empty(n)
     for i in range(n):
-        above[i] = max(y[i] - floor * l[i, 2], 0.0)
+        above[i] = max(y[i] - floor * light[i, 2], 0.0)
     threshold = 0.25 * np.sort(above)[max(n - 3, 0)]
     total, mx, my = 1e-12, 0.0, 0.0
     for i in range(n):
         # the solid angle that a direction of a polar grid stands for
-        above[i] = max(above[i] - threshold, 0.0) * (math.sqrt(max(1.0 - l[i, 2] ** 2, 0.0)) + 0.02)
+        above[i] = max(above[i] - threshold, 0.0) * (math.sqrt(max(1.0 - light[i, 2] ** 2, 0.0)) + 0.02)
         total += above[i]
         mx += above[i] * s[i, 0]
         my += above[i] * s[i, 1]
@@ -286,14 +296,14 @@ def moment_start(tail: int, y: Array, s: Array, l: Array, w: Array, p: Array) ->
     p[4] = 0.5 * math.log(max(d - p[3] * p[3], 1e-3))
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc]
+@njit(cache=True, nogil=True)
 def fit_block(
     tail: int,
     lobes: int,
     T: NDArray[np.float32],
     W: NDArray[np.float32],
     s: Array,
-    l: Array,
+    light: Array,
     low: Array,
     high: Array,
     centre: Array,
@@ -311,7 +321,7 @@ def fit_block(
         Radiance, finite where its weight is positive.
     W : (texel, light) float32
         Weights; 0 leaves a sample out.
-    s, l : (light, 2), (light, 3)
+    s, light : (light, 2), (light, 3)
         Half-vector slopes and directions.
     low, high : (K,)
         Bounds of the shapes.
@@ -321,7 +331,7 @@ def fit_block(
         Results: shapes (texel, K), colours (texel, m, 3), weighted squared residual (texel,).
     """
     n = s.shape[0]
-    Y, w, y, rest = np.empty((3, n)), np.empty(n), np.empty(n), np.empty(n)
+    Y, w, y, _rest = np.empty((3, n)), np.empty(n), np.empty(n), np.empty(n)
     for t in range(T.shape[0]):
         for i in range(n):
             w[i] = W[t, i]
@@ -330,7 +340,7 @@ def fit_block(
                 Y[c, i] = T[t, c, i] if w[i] > 0.0 else 0.0
                 y[i] += Y[c, i] / 3.0
         p = P[t]
-        moment_start(tail, y, s, l, w, p[:LOBE_SIZE])
+        moment_start(tail, y, s, light, w, p[:LOBE_SIZE])
         for k in range(1, lobes):
             # a second lobe starts around the first, wider
             at = LOBE_SIZE * k
@@ -340,7 +350,7 @@ def fit_block(
             p[at + 3] /= 2.5
             p[at + 4] -= math.log(2.5)
         p[LOBE_SIZE * lobes :] = 0.0
-        F[t] = fit_texel(tail, lobes, p, Y, w, s, l, low, high, centre[t], stiffness[t], iterations, C[t])
+        F[t] = fit_texel(tail, lobes, p, Y, w, s, light, low, high, centre[t], stiffness[t], iterations, C[t])
 
 
 def shape_count(lobes: int) -> int:

@@ -21,7 +21,9 @@ def _svg(width: int, height: int, parts: Sequence[str], title: str) -> str:
 
 
 def _text(x: float, y: float, text: str, anchor: str = "middle", fill: str = INK, size: int = 12) -> str:
-    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{fill}" font-size="{size}">{escape(text)}</text>'
+    return (
+        f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{fill}" font-size="{size}">{escape(text)}</text>'
+    )
 
 
 def _dot(x: float, y: float, r: float, fill: str, title: str, stroke: str = "none") -> str:
@@ -63,9 +65,7 @@ def bars(rows: Sequence[tuple[str, float, str]], width: int = 560) -> str:
     return _svg(width, 8 + step * len(rows), parts, "Bars")
 
 
-def grouped(
-    groups: Sequence[str], series: Sequence[tuple[str, Sequence[float]]], unit: str, width: int = 640
-) -> str:
+def grouped(groups: Sequence[str], series: Sequence[tuple[str, Sequence[float]]], unit: str, width: int = 640) -> str:
     """Vertical bars of several series side by side for each group; values from 0 on."""
     left, top, bottom, height = 48, 26, 28, 240
     high = max((value for _, values in series for value in values), default=1) or 1
@@ -88,12 +88,18 @@ def grouped(
             )
     for s, (label, _) in enumerate(series):
         x = left + 130 * (s + 1)
-        parts.append(f'<rect x="{x}" y="6" width="10" height="10" fill="{colour(s)}"/>' + _text(x + 15, 15, label, "start"))
+        parts.append(
+            f'<rect x="{x}" y="6" width="10" height="10" fill="{colour(s)}"/>' + _text(x + 15, 15, label, "start")
+        )
     return _svg(width, height, parts, f"{unit} by region")
 
 
 def scatter(
-    points: Sequence[tuple[str, float, float]], x_title: str, y_title: str, width: int = 480, height: int = 300
+    points: Sequence[tuple[str, float, float]],
+    x_title: str,
+    y_title: str,
+    width: int = 480,
+    height: int = 300,
 ) -> str:
     """Named points (name, x > 0, y > 0) on logarithmic axes."""
     left, right, top, bottom = 64, 90, 16, 44
@@ -134,7 +140,10 @@ def _decades(values: Sequence[float]) -> tuple[int, int]:
 
 
 def by_angle(
-    series: Sequence[tuple[str, Sequence[tuple[float, float]]]], y_title: str, width: int = 560, height: int = 240
+    series: Sequence[tuple[str, Sequence[tuple[float, float]]]],
+    y_title: str,
+    width: int = 560,
+    height: int = 240,
 ) -> str:
     """Points (θ in degrees, value) of several series over the polar angle of the light."""
     left, top, bottom = 48, 26, 36
@@ -156,6 +165,8 @@ def by_angle(
             y = height - bottom - (height - top - bottom) * (value - low) / (high - low)
             parts.append(_dot(x, y, 3.2, colour(s), f"{name}: θ {theta:.0f}°, {value:.2f}"))
         x = left + 130 * (s + 1)
-        parts.append(f'<rect x="{x}" y="6" width="10" height="10" fill="{colour(s)}"/>' + _text(x + 15, 15, name, "start"))
+        parts.append(
+            f'<rect x="{x}" y="6" width="10" height="10" fill="{colour(s)}"/>' + _text(x + 15, 15, name, "start")
+        )
     parts.append(_text(width / 2, height - 4, "θ of the light", fill=FAINT))
     return _svg(width, height, parts, f"{y_title} over θ")

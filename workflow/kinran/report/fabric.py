@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from kinran_bsdf.colours import TO_REC709
+from kinran_bsdf.material import Material, read_material
 from markupsafe import Markup
 from numpy.typing import NDArray
 
@@ -17,11 +19,7 @@ from kinran.labels import Region, read_labels, read_regions
 from kinran.plans import Plan, read_plan
 from kinran.report import charts
 from kinran.report.page import embed, embed_file
-from kinran_bsdf.material import Material, read_material
 
-REC709_FROM_ACESCG = np.array(
-    [[1.70505, -0.62179, -0.08326], [-0.13026, 1.14080, -0.01055], [-0.02400, -0.12897, 1.15297]]
-)
 MAP_WIDTH = 240
 
 Values = dict[str, Any]
@@ -93,8 +91,7 @@ def _numbers(errors: Values) -> list[tuple[str, str]]:
 def _lights(plan: Plan, held_out: list[str]) -> list[tuple[str, float, float, bool]]:
     held = set(held_out)
     return [
-        (light.name, math.radians(light.theta), math.radians(light.phi), light.name in held)
-        for light in plan.lights
+        (light.name, math.radians(light.theta), math.radians(light.phi), light.name in held) for light in plan.lights
     ]
 
 
@@ -120,8 +117,14 @@ def _capture(plan: Plan, captures: Path, calibration: Calibration) -> list[tuple
     if calibration.camera:
         camera = calibration.camera
         rows += [
-            ("exposures, measured", ", ".join(f"1/{1 / exposure.seconds:.4g} s" for exposure in camera.exposures)),
-            ("saturation / read noise", f"{camera.response.saturation:.0f} / {camera.response.read:.2f} counts"),
+            (
+                "exposures, measured",
+                ", ".join(f"1/{1 / exposure.seconds:.4g} s" for exposure in camera.exposures),
+            ),
+            (
+                "saturation / read noise",
+                f"{camera.response.saturation:.0f} / {camera.response.read:.2f} counts",
+            ),
             ("defective sites", str(len(camera.bad))),
         ]
     if calibration.delta_e:
@@ -163,8 +166,8 @@ def _maps(material: Material) -> list[tuple[str, pictures.Picture]]:
     maps = []
 
     def colour(part: str, caption: str) -> None:
-        light = np.pi * channels[f"{part}.amplitude"][..., None] * np.stack(
-            [channels[f"{part}.{c}"] for c in "RGB"], -1
+        light = (
+            np.pi * channels[f"{part}.amplitude"][..., None] * np.stack([channels[f"{part}.{c}"] for c in "RGB"], -1)
         )
         light = _rec709(light)
         maps.append((caption, pictures.photograph(light, pictures.auto_exposure(light))))
@@ -174,7 +177,12 @@ def _maps(material: Material) -> list[tuple[str, pictures.Picture]]:
         colour("lobe1", "Colour of the lobe C_s")
     if "lobe1.x" in channels:
         x, y = channels["lobe1.x"], channels["lobe1.y"]
-        maps.append(("Slope of the facets: hue is its direction (red: +weft), full at 0.6", pictures.directions_map(x, y)))
+        maps.append(
+            (
+                "Slope of the facets: hue is its direction (red: +weft), full at 0.6",
+                pictures.directions_map(x, y),
+            )
+        )
         wide, narrow = _widths(channels["lobe1.xx"], channels["lobe1.xy"], channels["lobe1.yy"])
         maps.append(("Width of the lobe along its long axis, to 0.6", pictures.heat(wide, 0.6)))
         maps.append(("Width along its short axis, to 0.6", pictures.heat(narrow, 0.6)))
@@ -182,7 +190,10 @@ def _maps(material: Material) -> list[tuple[str, pictures.Picture]]:
         tangent = np.tan(np.clip(channels["lobe1.theta"], 0, 1.2))
         phi = channels["lobe1.phi"]
         maps.append(
-            ("Normal of Eq. 3: hue is its azimuth", pictures.directions_map(tangent * np.cos(phi), tangent * np.sin(phi)))
+            (
+                "Normal of Eq. 3: hue is its azimuth",
+                pictures.directions_map(tangent * np.cos(phi), tangent * np.sin(phi)),
+            )
         )
         maps.append(("dt, to 0.6 rad", pictures.heat(channels["lobe1.dt"], 0.6)))
         maps.append(("dp, to π", pictures.heat(channels["lobe1.dp"], math.pi)))
@@ -263,9 +274,7 @@ def stage_times(folder: Path) -> list[tuple[str, float, str]]:
                 except ValueError:  # a job too short to be measured
                     continue
     rows = sorted(seconds.items(), key=lambda item: -item[1])
-    return [
-        (stage, s, f"{s:.1f} s" + (f", {memory[stage]:.0f} MB" if stage in memory else "")) for stage, s in rows
-    ]
+    return [(stage, s, f"{s:.1f} s" + (f", {memory[stage]:.0f} MB" if stage in memory else "")) for stage, s in rows]
 
 
 def _mesh(results: Path) -> Values:
@@ -278,7 +287,7 @@ def _plain(value: object) -> str:
 
 
 def _rec709(acescg: NDArray[Any]) -> NDArray[np.float32]:
-    return np.asarray(acescg @ REC709_FROM_ACESCG.T, np.float32)
+    return np.asarray(acescg @ TO_REC709.T, np.float32)
 
 
 def _css(rgb: NDArray[Any]) -> str:

@@ -22,9 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of ``kinran rig``."""
     parser.add_argument("--device", choices=["hid", "virtual"], default="hid", help="which rig")
     parser.add_argument("--serial", help="serial number, if several are connected")
-    parser.add_argument(
-        "--usb", type=usb_pair, default=(VENDOR, PRODUCT), help="VENDOR:PRODUCT in hexadecimal"
-    )
+    parser.add_argument("--usb", type=usb_pair, default=(VENDOR, PRODUCT), help="VENDOR:PRODUCT in hexadecimal")
     actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
     actions.add_parser("status", help="show identity, pose, lamp and faults")
     actions.add_parser("home", help="find the reference of every axis")

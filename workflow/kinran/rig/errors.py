@@ -45,8 +45,7 @@ class RefusedError(RigError):
 
     def __init__(self, opcode: int, status: int) -> None:
         super().__init__(
-            f"the rig refused {Opcode(opcode).name} with {Status(status).name};"
-            " run `kinran rig status`, then home it"
+            f"the rig refused {Opcode(opcode).name} with {Status(status).name}; run `kinran rig status`, then home it"
         )
         self.status = Status(status)
 

@@ -156,9 +156,7 @@ class Firmware(Machine):
 
     def _reply(self, command: Report, answer: Answer) -> bytes:
         status, payload = answer
-        return Report(
-            ReportId.REPLY, command.seq, command.opcode, status, self._job, self.boot, payload
-        ).pack()
+        return Report(ReportId.REPLY, command.seq, command.opcode, status, self._job, self.boot, payload).pack()
 
     def _send(self, reply: bytes, injected: Injection | None) -> None:
         if injected == "corrupt":

@@ -63,7 +63,7 @@ class Goniometer:
     clock
         Monotonic seconds; the virtual clock of a simulated rig.
     live
-        Whether real time passes while the host is busy elsewhere, so that a heartbeat thread is needed.
+        Whether real time passes while the host is busy, so that a heartbeat thread is needed.
 
     Attributes
     ----------
@@ -75,9 +75,7 @@ class Goniometer:
         Commands that were sent again.
     """
 
-    def __init__(
-        self, handle: Handle, clock: Callable[[], float] = time.monotonic, live: bool = True
-    ) -> None:
+    def __init__(self, handle: Handle, clock: Callable[[], float] = time.monotonic, live: bool = True) -> None:
         self.state = State()
         self.boot = 0
         self.retries = 0
@@ -89,8 +87,6 @@ class Goniometer:
         self._lock = threading.RLock()
         self._seq = 0
         self._told = clock()
-
-    # -- life ----------------------------------------------------------------------------------------
 
     def hello(self) -> State:
         """Meet the rig: forget stale reports, learn its boot id, identity and limits, set its watchdog.
@@ -108,9 +104,7 @@ class Goniometer:
         self.boot = reply.boot
         self.ident = Ident.unpack(self._feature(ReportId.IDENT).payload)
         if self.ident.major != 1:
-            raise RigError(
-                f"the rig speaks protocol {self.ident.major}, not 1; update Kinran or its firmware"
-            )
+            raise RigError(f"the rig speaks protocol {self.ident.major}, not 1; update Kinran or its firmware")
         self.config = Config.unpack(self._feature(ReportId.CONFIG).payload)
         if self.state.job_state == JobState.RUNNING:
             self.stop()
@@ -163,8 +157,6 @@ class Goniometer:
             done.set()
             thread.join()
 
-    # -- motion --------------------------------------------------------------------------------------
-
     def home(self) -> State:
         """Find the reference of every axis."""
         return self._job(Opcode.HOME, bytes([ALL_AXES]), HOMING_S)
@@ -178,9 +170,7 @@ class Goniometer:
             It is outside.
         """
         for i, value in enumerate((theta_mdeg, phi_mdeg)):
-            low, high = (
-                (self.config.low[i], self.config.high[i]) if self.config else (AXES[i].low, AXES[i].high)
-            )
+            low, high = (self.config.low[i], self.config.high[i]) if self.config else (AXES[i].low, AXES[i].high)
             if not low <= value <= high:
                 raise LimitError(
                     f"{AXES[i].name} = {value / 1000:g}° is outside the rig's {low / 1000:g}° to"
@@ -238,8 +228,6 @@ class Goniometer:
         self._command(Opcode.CLEAR, struct.pack("<H", self.state.fault), faulted=True)
         return self.state
 
-    # -- light ---------------------------------------------------------------------------------------
-
     def lamp(self, on: bool) -> State:
         """Light the lamp or put it out."""
         self._command(Opcode.LAMP, bytes([on]))
@@ -296,8 +284,6 @@ class Goniometer:
         batch = Expose(tuple(round(1e6 * e) for e in exposures_s), round(1000 * gap_s))
         return self._job(Opcode.EXPOSE, batch.pack(), sum(exposures_s) + gap_s * len(exposures_s))
 
-    # -- reports -------------------------------------------------------------------------------------
-
     def _job(self, opcode: Opcode, payload: bytes, seconds: float) -> State:
         """Run a job to its end, which an event tells, or the status when the event was lost."""
         job = self._command(opcode, payload).job
@@ -306,12 +292,8 @@ class Goniometer:
             self._listen(READ_MS)
             if self._clock() - self._told > HEARTBEAT_S:
                 self.ping()
-            if self._clock() > overdue:
-                self.status()
-                if self.state.job == job and self.state.job_state == JobState.RUNNING:
-                    raise RigTimeoutError(
-                        f"{opcode.name} takes longer than {SLACK * seconds + 1:.1f} s; home the rig"
-                    )
+            if self._clock() > overdue and self.status().job_state == JobState.RUNNING:
+                raise RigTimeoutError(f"{opcode.name} takes longer than {SLACK * seconds + 1:.1f} s; home the rig")
         self.check_fault()
         if self.state.job != job or self.state.job_state != JobState.DONE:
             raise RigError(f"{opcode.name} was stopped before its end; run the capture again")

@@ -88,9 +88,7 @@ def latest(brackets: Iterable[Bracket], group: str, shot: str) -> Bracket | None
 
 def missing(brackets: list[Bracket], wanted: Iterable[Wanted], root: Path) -> list[Wanted]:
     """What has no complete bracket of its set-up and revision, or whose files are gone or cut short."""
-    newest = {
-        (bracket.intent["group"], bracket.intent["shot"]): bracket for bracket in brackets if bracket.complete
-    }
+    newest = {(bracket.intent["group"], bracket.intent["shot"]): bracket for bracket in brackets if bracket.complete}
     last = max((i for i, bracket in enumerate(brackets) if bracket.complete), default=None)
     if last is not None and not all(
         _whole(root, frame) and sha256(root / frame["file"]) == frame["sha256"]

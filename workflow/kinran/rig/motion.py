@@ -52,7 +52,4 @@ def travelled(distance: float, speed: float, acceleration: float, seconds: float
 
 def move_time(start: Sequence[float], end: Sequence[float], axes: Sequence[Axis] = AXES) -> float:
     """Seconds of a coordinated move between two poses in millidegrees, without settling."""
-    return max(
-        travel_time(b - a, axis.speed, axis.acceleration)
-        for a, b, axis in zip(start, end, axes, strict=False)
-    )
+    return max(travel_time(b - a, axis.speed, axis.acceleration) for a, b, axis in zip(start, end, axes, strict=False))

@@ -198,9 +198,7 @@ class Session:
         InputError
             The disk has too little space.
         """
-        largest = max(
-            (record["bytes"] for record in self.journal.records if record["t"] == "frame"), default=0
-        )
+        largest = max((record["bytes"] for record in self.journal.records if record["t"] == "frame"), default=0)
         need = brackets * len(self.plan.exposures_s) * largest * 1.1
         free = shutil.disk_usage(self.root).free
         if need > free:
@@ -348,8 +346,7 @@ class Session:
         """Keep files aside that are not to be used; with `void` the bracket under way counts no more."""
         landed = quarantine(self.camera, self.root, names)
         files = [
-            {"name": name, "file": each.file, "sha256": each.sha256}
-            for name, each in zip(names, landed, strict=True)
+            {"name": name, "file": each.file, "sha256": each.sha256} for name, each in zip(names, landed, strict=True)
         ]
         number = len(self.brackets) - 1 if void and self.brackets else None
         self.journal.append({"t": "quarantined", "intent": number, "reason": reason, "files": files})

@@ -126,9 +126,7 @@ def rig_lock(serial: str) -> Iterator[None]:
     try:
         file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
     except OSError as error:
-        raise TransportError(
-            f"{path}: the rig's lock cannot be opened ({error.strerror}); remove it"
-        ) from None
+        raise TransportError(f"{path}: the rig's lock cannot be opened ({error.strerror}); remove it") from None
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield

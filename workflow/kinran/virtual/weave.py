@@ -204,9 +204,7 @@ def _mesh(name: str, surface: yarn.Surface, bsdf: Any) -> Any:
     properties["bsdf"] = bsdf
     faces = surface.faces()
     size = surface.points.shape[0] * surface.points.shape[1]
-    mesh = mi.Mesh(
-        name, size, len(faces), has_vertex_normals=True, has_vertex_texcoords=True, props=properties
-    )
+    mesh = mi.Mesh(name, size, len(faces), has_vertex_normals=True, has_vertex_texcoords=True, props=properties)
     values = mi.traverse(mesh)
     values["vertex_positions"] = surface.points.astype(np.float32).ravel()
     values["vertex_normals"] = surface.normals.astype(np.float32).ravel()

@@ -74,9 +74,7 @@ def weave(field_mm: float, seed: int) -> list[Surface]:
     low, high = -field_mm / 2 - MARGIN, field_mm / 2 + MARGIN
     warps = np.arange(low, high, GAUGE) + GAUGE / 2
     rows = _strip_rows(low, high)
-    wefts = np.array(
-        [y for y in np.arange(low, high, GAUGE) if all(abs(y - r) > STRIP_WIDTH / 2 + 0.06 for r in rows)]
-    )
+    wefts = np.array([y for y in np.arange(low, high, GAUGE) if all(abs(y - r) > STRIP_WIDTH / 2 + 0.06 for r in rows)])
     strips = [_strip(y, k, warps, low, high, rng) for k, y in enumerate(rows)]
     surfaces = list(strips)
     surfaces += [_warp(j, warps, wefts, strips, low, high, rng) for j in range(len(warps))]
@@ -102,11 +100,7 @@ def _strip(y: float, k: int, warps: Array, low: float, high: float, rng: np.rand
     x, across = np.arange(low, high, 0.0125), np.linspace(-STRIP_WIDTH / 2, STRIP_WIDTH / 2, 65)
     roll = gaussian_filter1d(rng.normal(size=len(x)), 45)
     roll *= np.radians(8) / roll.std()
-    z = (
-        STRIP_HEIGHT
-        + 0.6 * _rough(rng, x, 38, np.tan(np.radians(6)))[:, None]
-        + np.tan(roll)[:, None] * across
-    )
+    z = STRIP_HEIGHT + 0.6 * _rough(rng, x, 38, np.tan(np.radians(6)))[:, None] + np.tan(roll)[:, None] * across
     z = z - 0.04 * (across / (STRIP_WIDTH / 2)) ** 2
     for smooth, slope in (((5.6, 3.2), 0.05), ((1.6, 1.6), 0.03)):
         wrinkles = gaussian_filter(rng.normal(size=z.shape), smooth)

@@ -42,9 +42,7 @@ def run(folder: Path, encoding: str, crop: str = "", holdout: int = 4) -> Stack:
     calibrate.main(argparse.Namespace(plan=plan, manifests=[manifest, calibration]))
     common = {"plan": plan, "calibration": calibration, "out": out}
     merge.main(argparse.Namespace(manifest=manifest, receipt=folder / "00.json", **common))
-    assemble.main(
-        argparse.Namespace(manifests=[manifest], receipts=[folder / "00.json"], holdout=holdout, **common)
-    )
+    assemble.main(argparse.Namespace(manifests=[manifest], receipts=[folder / "00.json"], holdout=holdout, **common))
     return Stack.open(out)
 
 

@@ -1,0 +1,21 @@
+"""Settings of all tests."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+ROOT = Path(__file__).parents[1]
+
+# no timed tests, and the same examples in every run
+settings.register_profile("kinran", deadline=None, derandomize=True)
+settings.load_profile("kinran")
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """Folder of the real data sets beside the project."""
+    folder = ROOT.parent / "shared" / "data"
+    if not folder.is_dir():
+        pytest.skip(f"the real data sets are not at {folder}")
+    return folder

@@ -1,0 +1,53 @@
+"""From threads to the stack: nothing is mirrored or turned on the way."""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import pytest
+from kinran import assemble, calibrate, capture, merge
+from kinran.plan import plan_grid
+from kinran.plans import write_plan
+from kinran.stack import Stack
+from kinran.virtual import camera
+from kinran.virtual.weave import VirtualFabric
+
+SCENE = {"texels": 24, "samples": 16, "field_mm": 4.8, "lamp_mm": 600.0, "seed": 7}
+
+
+def test_the_figure_lands_in_its_corner(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plan, capture, calibrate, merge, stack: each light is what was traced, and no mirror image of it."""
+    monkeypatch.chdir(tmp_path)
+    plan_path = tmp_path / "captures/weave/plan.json"
+    plan = plan_grid("weave", (0, 30, 60), 4, (1 / 25, 1 / 100, 1 / 250, 1 / 1000, 1 / 4000), 4, 600.0, 4.8)
+    write_plan(plan_path, plan)
+    manifests = [plan_path.parent / "groups" / f"{group.name}.json" for group in plan.groups]
+    for group, manifest in zip(plan.groups, manifests, strict=True):
+        arguments = {
+            "plan": plan_path,
+            "group": group.name,
+            "device": "virtual",
+            "virtual": SCENE,
+            "revisions": {},
+        }
+        capture.main(argparse.Namespace(**arguments, out=manifest))
+    calibration, out = tmp_path / "calibration.json", tmp_path / "radiance.zarr"
+    calibrate.main(argparse.Namespace(plan=plan_path, manifests=[*manifests, calibration]))
+    common = {"plan": plan_path, "calibration": calibration, "out": out}
+    merge.main(argparse.Namespace(manifest=manifests[0], receipt=None, **common))
+    assemble.main(argparse.Namespace(manifests=manifests, receipts=[], holdout=4, **common))
+
+    stack = Stack.open(out)
+    values, _ = stack.read_tile(0, 24, 0, 24)
+    fabric = VirtualFabric(**SCENE)
+    for index, light in enumerate(plan.lights):  # every light is what was traced for it
+        theta, phi = round(1000 * light.theta), round(1000 * light.phi)
+        traced = fabric.frame(theta, phi, camera.CACHE)
+        colours = np.einsum("ij,yxj->yxi", stack.to_acescg, values[index])
+        for turned in (traced[::-1], traced[:, ::-1], traced.transpose(1, 0, 2), traced[::-1, ::-1]):
+            assert np.abs(colours - traced).mean() < 0.6 * np.abs(colours - turned).mean()
+    middle = values[-1]
+    blueness = middle[..., 2] / middle.sum(-1)
+    row, column = np.unravel_index(np.argmax(blueness), blueness.shape)
+    assert row < 12
+    assert column < 12

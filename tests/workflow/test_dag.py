@@ -1,0 +1,127 @@
+"""What runs, and above all what does not run again."""
+
+import json
+from pathlib import Path
+
+import pytest
+from conftest import Project
+
+
+def downstream(merges: int) -> set[str]:
+    """Rules that follow from a change of the radiance."""
+    return {"merge", "stack", "segment", "prior", "fit", "material", "choose", "evaluate", "scene", "render", "report",
+            "overview", "all"} - (set() if merges else {"merge"})  # fmt: skip
+
+
+def test_full_run_leaves_what_users_look_for(finished: Project) -> None:
+    results = finished.folder / "results"
+    for name in ("material.exr", "evaluation.json", "report.html", "render.exr", "render.png", "scene/scene.xml"):
+        assert (results / "tiny" / name).stat().st_size > 0
+    assert "tiny/report.html" in (results / "report.html").read_text()
+    errors = json.loads((results / "tiny" / "evaluation.json").read_text())
+    assert set(errors["methods"]) == {"slope", "takeda2008"}
+    assert len(errors["held_out"]) == 4
+    assert 0 < errors["methods"]["slope"]["relative_error"] < errors["methods"]["takeda2008"]["relative_error"]
+    assert set(errors["methods"]["slope"]["lights"]) == set(errors["held_out"])
+
+
+def test_second_run_does_nothing(finished: Project) -> None:
+    assert "Nothing to be done" in finished.run()
+
+
+def test_one_direction_shot_again(project: Project) -> None:
+    """Its group is captured and merged; of that group one bracket is new, and no other file is touched."""
+    row = "tiny\t40\t45\t1\tthe thread had moved"
+    project.sheet("recapture", "fabric\ttheta\tphi\trevision\treason", row)
+    jobs = project.planned()
+    assert jobs["capture"] == 1
+    assert jobs["merge"] == 1
+    assert set(jobs) == downstream(1) | {"capture"}
+    groups = project.folder / "captures" / "tiny" / "groups"
+    before = {path.name: path.read_bytes() for path in groups.iterdir()}
+    project.run("--until", "merge")
+    after = {path.name: path.read_bytes() for path in groups.iterdir()}
+    assert [name for name in before if before[name] != after[name]] == ["00.json"]
+    old, new = (json.loads(files["00.json"])["shots"] for files in (before, after))
+    changed = [b for a, b in zip(old, new, strict=True) if a != b]
+    assert [(shot["shot"], shot["revision"]) for shot in changed] == [("t40_p045", 1)]
+    frames = project.folder / "captures" / "tiny"
+    assert all((frames / frame["file"]).is_file() for shot in old + new for frame in shot["frames"])
+
+
+def test_another_holdout_merges_nothing(project: Project) -> None:
+    project.configure(lambda config: config.update(holdout=4))
+    assert set(project.planned()) == downstream(0)
+
+
+def test_another_model_fits_nothing_again(project: Project) -> None:
+    project.configure(lambda config: config["fit"].update(model="takeda2008", compare=["slope"]))
+    assert not {"fit", "prior", "stack", "segment", "merge", "capture"} & set(project.planned())
+
+
+def test_gold_alone_leaves_the_rest_a_texture(project: Project) -> None:
+    project.configure(lambda config: config["fit"].update(regions="shiniest"))
+    project.run("results/tiny/scene/scene.xml")
+    assert "blendbsdf" in (project.folder / "results" / "tiny" / "scene" / "scene.xml").read_text()
+
+
+def test_without_a_rig_nothing_is_ever_captured(project: Project) -> None:
+    project.configure(lambda config: config["rig"].update(device="none", exposures=[25, 100]))
+    assert "Nothing to be done" in project.run("--dry-run")
+
+
+def test_a_comment_in_the_config_reruns_nothing(project: Project) -> None:
+    config = project.folder / "config.yaml"
+    config.write_text("# a note\n" + config.read_text())
+    assert "Nothing to be done" in project.run("--dry-run")
+
+
+def test_a_job_that_was_killed_is_done_again(project: Project) -> None:
+    """An output that is gone, as Snakemake leaves it after a kill, is made again, byte for byte."""
+    material = project.folder / "results" / "tiny" / "fit" / "slope.exr"
+    before = material.read_bytes()
+    material.unlink()
+    project.run("results/tiny/fit/slope.exr")
+    assert material.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda c: c.update(fitt=1), "'fitt' was unexpected"),
+        (lambda c: c["rig"].update(device="lamp"), "'lamp' is not one of"),
+        (lambda c: c.update(holdout=1), "holdout"),
+        (lambda c: c["rig"].update(thetas=[10, 20]), "rig.thetas"),
+        (lambda c: c["rig"].update(meridians=3), "put a multiple of 2 meridians in a group"),
+        (lambda c: c.update(fabrics="none.tsv"), "none.tsv: cannot be read"),
+    ],
+)
+def test_a_bad_config_is_one_sentence(tmp_path: Path, change: object, says: str) -> None:
+    project = Project(tmp_path / "project")
+    project.configure(change)  # type: ignore[arg-type]
+    done = project.snakemake("--dry-run")
+    assert done.returncode != 0
+    assert says in done.stdout + done.stderr
+    assert not (tmp_path / "project" / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("sheet", "row", "says"),
+    [
+        ("fabrics", "../up\trig\t\t\t", "does not match"),
+        ("fabrics", "<b>\trig\t\t\t", "does not match"),
+        ("fabrics", "tiny\trig\t\t\t0", "does not match"),
+        ("fabrics", "tiny\tnowhere\t\t\t", "nowhere: no such folder"),
+        ("fabrics", "tiny\trig", "another number of cells"),
+        ("recapture", "tiny\t40\t44\t1\tx", "is no direction of the grid"),
+        ("recapture", "other\t40\t45\t1\tx", "'other' is no fabric on the rig"),
+        ("recapture", "tiny\t40\t45\t0\tx", "does not match"),
+    ],
+)
+def test_a_bad_row_is_one_sentence(tmp_path: Path, sheet: str, row: str, says: str) -> None:
+    project = Project(tmp_path / "project")
+    header = (project.folder / "config" / f"{sheet}.tsv").read_text().splitlines()[0]
+    project.sheet(sheet, header, row)
+    done = project.snakemake("--dry-run")
+    assert done.returncode != 0
+    assert says in done.stdout + done.stderr
