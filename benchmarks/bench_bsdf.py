@@ -18,9 +18,10 @@ from pathlib import Path
 from typing import Any
 
 import drjit as dr
-import kinran_bsdf
 import mitsuba as mi
 import numpy as np
+
+import kinran_bsdf
 from kinran_bsdf import Material
 from kinran_bsdf.material import COLOUR
 
@@ -304,12 +305,12 @@ def memory(folder: Path, size: int) -> dict[str, float]:
     if not path.exists():
         kinran_bsdf.write_material(path, material(size))
     code = f"""
-import resource, sys, drjit as dr, mitsuba as mi
+import resource, drjit as dr, mitsuba as mi
 mi.set_variant("llvm_ad_rgb")
 import kinran_bsdf
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 bsdf = {{"type": "kinran", "filename": {str(path)!r}}}
-scene = mi.load_dict({{"type": "scene", "s": {{"type": "rectangle", "bsdf": bsdf}}, "e": {{"type": "constant"}},
+scene = mi.load_dict({{"type": "scene", "i": {{"type": "path"}}, "s": {{"type": "rectangle", "bsdf": bsdf}}, "e": {{"type": "constant"}},
     "c": {{"type": "perspective", "film": {{"type": "hdrfilm", "width": 64, "height": 64}},
     "to_world": mi.ScalarTransform4f().look_at(origin=[0, 0, 3], target=[0, 0, 0], up=[0, 1, 0])}}}})
 dr.eval(mi.render(scene, spp=4)); dr.sync_thread()

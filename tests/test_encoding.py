@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from kinran.encoding import parse
 from kinran.files import InputError
 

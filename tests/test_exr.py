@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from kinran.exr import read_exr, read_exr_with_header, write_exr, write_rgb
 from kinran.files import InputError
 

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 import pytest
+
 from kinran.files import InputError, atomic, check_name, read_json, sha256, write_json
 
 

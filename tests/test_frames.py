@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from kinran import frames
 
 POLAR = st.floats(0.0, 1.5)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from kinran.files import InputError
 from kinran.lights import Light, directions, read_lp, write_lp
 

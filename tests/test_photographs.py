@@ -5,12 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
+from PIL import Image
+
 from kinran.encoding import parse
 from kinran.exr import write_rgb
 from kinran.files import InputError
 from kinran.lights import Light
 from kinran.photographs import Crop, find, parse_crop, read, size
-from PIL import Image
 
 SRGB, LINEAR = parse("srgb"), parse("linear")
 VALUES = np.random.default_rng(1).integers(0, 256, (6, 9, 3), dtype=np.uint8)

@@ -4,9 +4,10 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import kinran_bsdf
 import mitsuba as mi
 import numpy as np
+
+import kinran_bsdf
 from kinran_bsdf import Material
 from kinran_bsdf.material import COLOUR
 
@@ -80,7 +81,7 @@ def scene(mesh: Path, material: Path, **integrator: Any) -> Any:
                 "type": "perspective",
                 "fov": 32,
                 "to_world": turn.look_at(origin=[0.3, -2.4, 2.4], target=[0, 0.05, 0], up=[0, 0, 1]),
-                "film": {"type": "hdrfilm", "width": 300, "height": 200},
+                "film": {"type": "hdrfilm", "width": 276, "height": 184},
             },
             "lamp": {
                 "type": "rectangle",

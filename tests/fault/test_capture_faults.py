@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from capture_bench import DEVICE, EXPOSURES, Bench, check, small_plan
+
 from kinran.__main__ import main
 from kinran.files import InputError
 from kinran.journal import Journal, read

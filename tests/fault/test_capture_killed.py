@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 from capture_bench import EXPOSURES, Bench, check, serving, small_plan
+
 from kinran.journal import read
 from kinran.plans import write_plan
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from synthetic_texels import grid, radiance, texels
 
 from kinran.fit import slope, takeda
-from synthetic_texels import grid, radiance, texels
 
 
 def relative(fitted: np.ndarray, truth: np.ndarray) -> np.ndarray:

@@ -1,11 +1,11 @@
 """The paper's four steps, on data of Eq. 3 itself."""
 
 import numpy as np
+from synthetic_texels import grid
 
 from kinran import frames
 from kinran.fit import takeda
 from kinran_bsdf import models
-from synthetic_texels import grid
 
 
 def test_recovers_eq_3_on_the_grid() -> None:

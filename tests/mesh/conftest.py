@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+
 from kinran.mesh import prepare
 from kinran.scan import Truth, scan, write_scan
 

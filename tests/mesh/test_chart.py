@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from kinran.chart import (
     boundary_loops,
     hang,

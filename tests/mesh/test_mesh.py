@@ -4,11 +4,12 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
 from kinran import mesh
 from kinran.files import InputError, read_json
 from kinran.scan import scan, write_scan
-from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 from pathlib import Path
 
 import numpy as np
+
 from kinran.chart import boundary_loops
 from kinran.scan import LENGTH, WIDTH, drape, scan, write_scan
 

@@ -15,8 +15,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from kinran_bsdf import Material
 from plugin_fabrics import random_material
+
+from kinran_bsdf import Material
 
 REQUIRED = set(filter(None, os.environ.get("KINRAN_REQUIRE_VARIANTS", "").split(",")))
 RGB = ("scalar_rgb", "llvm_ad_rgb", "cuda_ad_rgb")

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+
 from kinran_bsdf import Material
 from kinran_bsdf.material import COLOUR
 

@@ -7,6 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+
 from kinran_bsdf import Material, write_material
 
 

@@ -10,6 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+
 from kinran_bsdf import Material, colours, models, write_material
 
 CASES = [("slope", 1, "gaussian"), ("slope", 1, "ggx"), ("slope", 2, "ggx"), ("takeda2008", 1, "gaussian")]

@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from conftest import choose
+
 from kinran_bsdf import Material, colours, write_material
 
 

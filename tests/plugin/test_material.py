@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
+
 from kinran_bsdf import Material, read_material, write_material
 from kinran_bsdf.material import channel_names
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from kinran_bsdf import Material, models
 
 N = (0.0, 0.0, 1.0)

@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+
 from kinran_bsdf import Material, models, write_material
 from kinran_bsdf.maps import pack
 from kinran_bsdf.pyramid import Pyramid, halve

@@ -12,6 +12,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
+
 from kinran_bsdf import Material, write_material
 
 REFERENCES = Path(__file__).parent / "references"

@@ -1,9 +1,10 @@
 """One capture for all tests of the room."""
 
 import pytest
+from known_scene import EXPOSURES, Capture, shoot
+
 from kinran.plan import plan_grid
 from kinran.plans import write_plan
-from known_scene import EXPOSURES, Capture, shoot
 
 
 @pytest.fixture(scope="session")

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+
 from kinran.files import sha256, write_json
 from kinran.plans import Plan, Shot
 from kinran.virtual.camera import SimulatedCamera

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from kinran.bracket import Response, estimate, ratio_sums
 
 SECONDS = 2.0 ** (-np.array([14, 20, 24, 30, 36]) / 3)

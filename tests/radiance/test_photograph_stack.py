@@ -5,12 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
+
 from kinran import assemble, calibrate, colour_chart, ingest, merge
 from kinran.files import InputError, write_json
 from kinran.lights import Light, write_lp
 from kinran.plans import read_plan, write_plan
 from kinran.stack import SATURATED, Stack
-from PIL import Image
 
 COUNT = 20
 

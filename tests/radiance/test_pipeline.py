@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from known_scene import SCENE, Capture, radiance
+
 from kinran import assemble, calibrate, colour_chart, merge
 from kinran.calibration import Calibration, read_calibration
 from kinran.files import InputError
@@ -16,7 +18,6 @@ from kinran.raw import read_raw
 from kinran.shots import merge_bracket, read_bracket, read_manifest
 from kinran.stack import DARK, HOT, SATURATED, Stack, shard_path
 from kinran.virtual.sensor import CROSSTALK, Sensor, _defects, shutter
-from known_scene import SCENE, Capture, radiance
 
 TEXELS = int(SCENE["texels"])
 CAMERA = CROSSTALK / CROSSTALK.sum(1, keepdims=True)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from kinran.bracket import Response, estimate
 from kinran.raw import read_raw
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zarr
+
 from kinran.files import InputError
 from kinran.stack import (
     DARK,

@@ -5,6 +5,7 @@ import types
 from typing import Any
 
 import pytest
+
 from kinran.__main__ import main
 
 

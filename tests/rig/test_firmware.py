@@ -3,6 +3,7 @@
 import struct
 
 import pytest
+
 from kinran.rig.firmware import Firmware
 from kinran.rig.machine import HOMING_S, WARM_UP_S, lamp_output
 from kinran.rig.protocol import (

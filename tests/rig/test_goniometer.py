@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+
 from kinran.rig.errors import (
     DisconnectedError,
     FaultError,

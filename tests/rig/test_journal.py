@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from kinran.files import InputError
 from kinran.journal import Journal, line, parse, read
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from kinran import plan as stage
 from kinran.__main__ import main
 from kinran.files import InputError

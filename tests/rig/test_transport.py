@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
 from kinran.rig.firmware import Firmware
 from kinran.rig.protocol import Opcode, Report, ReportId
 from kinran.rig.transport import SimulatedHid, TransportError, hid_module, open_hid, rig_lock

@@ -5,6 +5,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+
 from kinran.mesh import write_mesh
 from kinran_bsdf import Material, write_material
 

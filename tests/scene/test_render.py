@@ -3,12 +3,13 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
+from PIL import Image
+from scene_fabrics import TEMPLATE, F
+
 from kinran import render
 from kinran.exr import read_exr
 from kinran.files import InputError, read_json
 from kinran.scene import assemble
-from PIL import Image
-from scene_fabrics import TEMPLATE, F
 
 LIT_WALL = """<scene version="3.9.1">
     <integrator type="path"/>

@@ -5,13 +5,14 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
+from scene_fabrics import TEMPLATE, F
+from scipy.spatial import cKDTree
+
 from kinran.exr import read_exr
 from kinran.files import InputError
 from kinran.mesh import prepare
 from kinran.scan import scan, write_scan
 from kinran.scene import assemble, placement
-from scene_fabrics import TEMPLATE, F
-from scipy.spatial import cKDTree
 
 FRONTAL = """<scene version="3.9.1">
     <default name="mesh" value=""/> <default name="material" value=""/> <default name="wrap" value=""/>

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from kinran import assemble, calibrate, capture, merge
 from kinran.plan import plan_grid
 from kinran.plans import write_plan

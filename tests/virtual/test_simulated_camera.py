@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from kinran.files import InputError
 from kinran.raw import read_raw
 from kinran.rig.camera import CameraError

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from kinran.frames import direction
 from kinran.virtual import plate, yarn
 from kinran.virtual.weave import VirtualFabric, load_scene

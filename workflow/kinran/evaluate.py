@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from kinran_bsdf.colours import TO_REC709
-from kinran_bsdf.material import read_material
-from kinran_bsdf.models import relight
 from numpy.typing import NDArray
 
 from kinran import encoding, metrics, pictures
 from kinran.files import InputError, read_json, write_json
 from kinran.labels import Region, read_labels, read_regions
 from kinran.stack import HOT, SATURATED, SHIFTED, Light, Stack
+from kinran_bsdf.colours import TO_REC709
+from kinran_bsdf.material import read_material
+from kinran_bsdf.models import relight
 
 Images = NDArray[np.float32]
 

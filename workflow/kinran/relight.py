@@ -5,14 +5,14 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from kinran_bsdf.material import Material, read_material
-from kinran_bsdf.models import relight
 
 from kinran import metrics, photographs
 from kinran.encoding import Encoding, parse
 from kinran.exr import write_rgb
 from kinran.files import InputError
 from kinran.lights import Light, directions, read_lp
+from kinran_bsdf.material import Material, read_material
+from kinran_bsdf.models import relight
 
 BATCH = 16
 

@@ -13,13 +13,13 @@ from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
-from kinran_bsdf.colours import TO_REC709
-from kinran_bsdf.material import Material, read_material
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from kinran.exr import write_exr
 from kinran.files import InputError, atomic
+from kinran_bsdf.colours import TO_REC709
+from kinran_bsdf.material import Material, read_material
 
 Map = NDArray[np.float32]
 

@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from kinran_bsdf.colours import TO_REC709
 from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2
 from scipy.ndimage import uniform_filter
@@ -18,6 +17,7 @@ from kinran.exr import write_exr
 from kinran.files import InputError
 from kinran.labels import Region, write_labels, write_regions
 from kinran.stack import Stack
+from kinran_bsdf.colours import TO_REC709
 
 Array = NDArray[np.float64]
 

@@ -5,6 +5,7 @@ rule plan:
         "logs/{fabric}/plan.log",
     wildcard_constraints:
         fabric=any_of(rig_fabrics),
+    localrule: True
     params:
         thetas=",".join(f"{theta:g}" for theta in config["rig"]["thetas"]),
         phis=config["rig"]["phis"],
@@ -13,7 +14,6 @@ rule plan:
         lamp=config["rig"]["lamp_mm"],
         field=config["rig"]["field_mm"],
         code=digest("kinran.plan"),
-    localrule: True
     shell:
         "python -m kinran plan --fabric {wildcards.fabric} --thetas {params.thetas} --phis {params.phis}"
         " --exposures {params.exposures} --meridians {params.meridians} --lamp-mm {params.lamp}"
@@ -27,10 +27,11 @@ rule capture:
         update("captures/{fabric}/groups/{group}.json"),
     log:
         "logs/{fabric}/capture/{group}.log",
-    wildcard_constraints:
-        fabric=any_of(rig_fabrics),
     benchmark:
         "results/{fabric}/benchmarks/capture.{group}.tsv"
+    wildcard_constraints:
+        fabric=any_of(rig_fabrics),
+    localrule: True
     threads: workflow.cores
     resources:
         rig=1,
@@ -38,7 +39,6 @@ rule capture:
         device=config["rig"]["device"],
         virtual=virtual_rig,
         revisions=revisions,
-    localrule: True
     shell:
         "python -m kinran capture --plan {input:q} --group {wildcards.group} --device {params.device}"
         " --virtual {params.virtual:q} --revisions {params.revisions:q} {output:q} 2>&1 | tee {log}"

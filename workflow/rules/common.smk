@@ -60,7 +60,11 @@ def revisions(wildcards):
 
 def virtual_rig(wildcards):
     """What the virtual camera looks at, as JSON; the same text for the same settings."""
-    settings = {**config["virtual"], "field_mm": config["rig"]["field_mm"], "lamp_mm": config["rig"]["lamp_mm"]}
+    settings = {
+        **config["virtual"],
+        "field_mm": config["rig"]["field_mm"],
+        "lamp_mm": config["rig"]["lamp_mm"],
+    }
     return json.dumps(settings, sort_keys=True)
 
 

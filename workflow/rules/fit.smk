@@ -58,7 +58,9 @@ rule fit:
         runtime=60,
     params:
         stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
-        prior=lambda wildcards, input: f"--prior {input.prior}" if input.get("prior") else "",
+        prior=lambda wildcards, input: (
+            f"--prior {input.prior}" if input.get("prior") else ""
+        ),
         fitted=fitted_option,
         jobs=config["fit"]["jobs"],
         code=digest("kinran.fit.tile"),
@@ -91,7 +93,7 @@ rule material:
 
 rule choose:
     input:
-        "results/{fabric}/fit/" + config["fit"]["model"] + ".exr",
+        f"results/{{fabric}}/fit/{config['fit']['model']}.exr",
     output:
         "results/{fabric}/material.exr",
     log:

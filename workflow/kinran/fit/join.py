@@ -5,8 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from kinran_bsdf.material import Material, write_material
-from kinran_bsdf.models import clamp
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
@@ -14,6 +12,8 @@ from kinran.files import InputError, sha256, write_json
 from kinran.fit.tile import MODELS
 from kinran.labels import read_labels, read_regions
 from kinran.stack import Stack
+from kinran_bsdf.material import Material, write_material
+from kinran_bsdf.models import clamp
 
 Map = NDArray[np.float32]
 

@@ -6,8 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from kinran_bsdf.colours import TO_REC709
-from kinran_bsdf.material import Material, read_material
 from markupsafe import Markup
 from numpy.typing import NDArray
 
@@ -19,6 +17,8 @@ from kinran.labels import Region, read_labels, read_regions
 from kinran.plans import Plan, read_plan
 from kinran.report import charts
 from kinran.report.page import embed, embed_file
+from kinran_bsdf.colours import TO_REC709
+from kinran_bsdf.material import Material, read_material
 
 MAP_WIDTH = 240
 
