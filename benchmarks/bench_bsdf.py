@@ -305,17 +305,19 @@ def memory(folder: Path, size: int) -> dict[str, float]:
     if not path.exists():
         kinran_bsdf.write_material(path, material(size))
     code = f"""
-import resource, drjit as dr, mitsuba as mi
+import drjit as dr, mitsuba as mi
+def status(key):
+    line = next(line for line in open("/proc/self/status") if line.startswith(key))
+    return int(line.split()[1]) / 1e3
 mi.set_variant("llvm_ad_rgb")
 import kinran_bsdf
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-bsdf = {{"type": "kinran", "filename": {str(path)!r}}}
-scene = mi.load_dict({{"type": "scene", "i": {{"type": "path"}}, "s": {{"type": "rectangle", "bsdf": bsdf}}, "e": {{"type": "constant"}},
-    "c": {{"type": "perspective", "film": {{"type": "hdrfilm", "width": 64, "height": 64}},
-    "to_world": mi.ScalarTransform4f().look_at(origin=[0, 0, 3], target=[0, 0, 0], up=[0, 1, 0])}}}})
-dr.eval(mi.render(scene, spp=4)); dr.sync_thread()
-held = int(open("/proc/self/statm").read().split()[1]) * resource.getpagesize() / 1e6
-print(held - before / 1e3, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3 - before / 1e3)
+before = status("VmRSS")
+bsdf = mi.load_dict({{"type": "kinran", "filename": {str(path)!r}}})
+si = dr.zeros(mi.SurfaceInteraction3f, 1000)
+si.wi = mi.Vector3f(0, 0, 1)
+dr.eval(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(0, 0, 1)))
+dr.sync_thread()
+print(status("VmRSS") - before, status("VmHWM") - before)
 """
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     held, peak = (round(float(v)) for v in out.split())

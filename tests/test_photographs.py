@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import imagecodecs
 import numpy as np
 import pytest
 import tifffile
@@ -59,6 +60,20 @@ def test_crop_counts_from_the_top_left(tmp_path: Path) -> None:
 def test_bad_crops(text: str) -> None:
     with pytest.raises(InputError, match="crop"):
         parse_crop(text)
+
+
+def test_sixteen_bit_colour_png_keeps_its_bits(tmp_path: Path) -> None:
+    values = np.random.default_rng(4).integers(0, 65536, (6, 9, 3), dtype=np.uint16)
+    (tmp_path / "a.png").write_bytes(imagecodecs.png_encode(values))
+    np.testing.assert_allclose(read(tmp_path / "a.png", LINEAR).light, values[::-1] / 65535, atol=1e-6)
+
+
+@pytest.mark.parametrize("mode", ["L", "LA", "RGBA", "P"])
+def test_other_kinds_of_png(tmp_path: Path, mode: str) -> None:
+    picture = Image.fromarray(VALUES).convert(mode)
+    picture.save(tmp_path / "a.png")
+    expected = np.asarray(picture.convert("RGB"))[::-1] / 255
+    np.testing.assert_allclose(read(tmp_path / "a.png", LINEAR).light, expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "png", "tif"])

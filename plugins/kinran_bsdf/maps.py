@@ -36,12 +36,15 @@ class PackedMaps:
     def __init__(self, material: Material, filter_mode: str, wrap_mode: str, pyramid: bool) -> None:
         self.size, self.wrap_mode = material.size, wrap_mode
         self.model, self.tail, self.lobes = material.model, material.tail, material.lobes
-        self.tensor = mi.TensorXf(pack(material))
+        packed = pack(material)
         self.primaries = colours.Primaries()
         wrap = dr.WrapMode.Repeat if wrap_mode == "repeat" else dr.WrapMode.Clamp
         mode = dr.FilterMode.Nearest if filter_mode == "nearest" else dr.FilterMode.Linear
-        self.texture = mi.Texture2f(self.tensor, use_accel=False, migrate=False, filter_mode=mode, wrap_mode=wrap)
-        self.pyramid = Pyramid(np.array(self.tensor), colours.bands(), wrap_mode) if pyramid else None
+        self.texture = mi.Texture2f(
+            mi.TensorXf(packed), use_accel=False, migrate=False, filter_mode=mode, wrap_mode=wrap
+        )
+        self.tensor: Any = None  # a copy of what the texture holds, made when somebody traverses
+        self.pyramid = Pyramid(packed, colours.bands(), wrap_mode) if pyramid else None
         extra = np.stack([material.channels[name] for name in self.attributes], -1)
         self.extra = mi.Texture2f(
             mi.TensorXf(extra),
@@ -76,10 +79,14 @@ class PackedMaps:
 
     def traverse(self, callback: Any) -> None:
         """Give the maps as the parameter `maps`."""
+        if self.tensor is None:
+            self.tensor = mi.TensorXf(self.texture.tensor())
         callback.put("maps", self.tensor, mi.ParamFlags.Differentiable)
 
     def changed(self) -> None:
         """Take over maps that were changed through `mi.traverse`; a pyramid carries no gradients."""
+        if self.tensor is None:
+            return
         self.texture.set_tensor(self.tensor)
         if self.pyramid is not None:
             self.pyramid = Pyramid(np.array(dr.detach(self.tensor)), colours.bands(), self.wrap_mode)

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import numpy as np
 
-from kinran.chart import boundary_loops
+from kinran.flatten import boundary_loops
 from kinran.scan import LENGTH, WIDTH, drape, scan, write_scan
 
 

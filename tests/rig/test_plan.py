@@ -26,14 +26,14 @@ def paper() -> Plan:
 
 
 def test_the_papers_grid(paper: Plan) -> None:
-    """1153 distinct directions, 72 repeats of θ = 0: 1224 shots of the fabric (DESIGN, Conventions)."""
+    """1153 distinct directions, 72 repeats of θ = 0: the paper's 1224 shots; four more tie the white plate to them."""
     assert len(paper.lights) == 1153
     assert paper.lights[-1].theta == 0
     shots = [shot for group in paper.groups for shot in group.shots]
     kinds = [shot.kind for shot in shots]
     assert kinds.count("light") == 1152
-    assert kinds.count("monitor") == 72
-    assert kinds[-3:] == ["dark", "white", "chart"]
+    assert kinds.count("monitor") == 72 + stage.CALIBRATION_MONITORS
+    assert kinds[-7:] == ["dark", "white", "chart", *4 * ["monitor"]]
     assert len({shot.shot for shot in shots}) == len(shots)
     assert {shot.light for shot in shots if shot.kind == "light"} == set(range(1152))
     assert {shot.light for shot in shots if shot.kind == "monitor"} == {1152}
@@ -87,9 +87,9 @@ def test_order_is_as_quick_as_any(phis: int) -> None:
 
 def test_duration_and_dose(paper: Plan) -> None:
     bracket = sum(BRACKET) + 5 * stage.CAMERA_S
-    assert paper.light_dose_s == pytest.approx(1224 * bracket)
+    assert paper.light_dose_s == pytest.approx(1228 * bracket)
     assert paper.duration_s is not None
-    travel = paper.duration_s - 1227 * (bracket + 0.2)
+    travel = paper.duration_s - 1231 * (bracket + 0.2)
     assert 12 * 60 < travel < 45 * 60
 
 

@@ -143,6 +143,7 @@ def read_revisions(config: dict[str, Any], fabrics: dict[str, Fabric]) -> Callab
         found = [
             (group.name, shot.shot)
             for group in grid
+            if group.lights
             for shot in group.shots
             if shot.kind in ("light", "monitor") and abs(shot.theta - theta) + abs(shot.phi - phi) < 1e-6
         ]

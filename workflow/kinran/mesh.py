@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from kinran.chart import (
+from kinran.files import InputError, atomic, write_json
+from kinran.flatten import (
     Array,
     Faces,
     boundary_loops,
@@ -29,7 +30,6 @@ from kinran.chart import (
     vector_area,
     vertex_normals,
 )
-from kinran.files import InputError, atomic, write_json
 
 SUFFIXES = (".ply", ".obj", ".stl", ".off")
 PLUGINS = 58  # of pymeshlab when libGL and libOpenGL are both there; without the second it cannot read PLY

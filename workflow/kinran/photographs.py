@@ -4,6 +4,7 @@ import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
+import imagecodecs
 import numpy as np
 import tifffile
 from numpy.typing import NDArray
@@ -155,6 +156,8 @@ def _values(path: Path) -> tuple[NDArray[np.generic], int]:
                 return np.stack([channels[name] for name in "RGB"], -1), 0
             if path.suffix.lower() in (".tif", ".tiff"):
                 values = np.asarray(tifffile.imread(path))
+            elif path.suffix.lower() == ".png":  # Pillow takes 16-bit colour down to 8 bit without a word
+                values = np.asarray(imagecodecs.png_decode(path.read_bytes()))
             else:
                 with Pillow.open(path) as image:
                     mode = "RGB" if image.mode in ("P", "RGBA", "CMYK", "YCbCr", "LA", "L", "1") else None
@@ -163,8 +166,8 @@ def _values(path: Path) -> tuple[NDArray[np.generic], int]:
         raise
     except Exception as error:  # decoders raise what they like on a broken file
         raise InputError(f"{path}: is truncated or broken ({error}); replace it") from None
-    if values.ndim == 2:
-        values = values[..., None].repeat(3, -1)
+    if values.ndim == 2 or values.shape[2] == 2:  # grey, and grey with alpha
+        values = values.reshape(*values.shape[:2], -1)[..., :1].repeat(3, -1)
     if values.ndim != 3 or values.shape[2] < 3:
         raise InputError(f"{path}: has the shape {values.shape}; give an RGB or grey picture")
     if values.dtype.kind == "f":

@@ -16,6 +16,7 @@ CAMERA_S = 1.0
 
 LARGEST_GROUP = 64
 CALIBRATION = "calibration"
+CALIBRATION_MONITORS = 4
 
 
 def group_names(thetas: Sequence[float], phis: int, meridians: int = 4) -> list[str]:
@@ -107,7 +108,7 @@ def plan_grid(
         )
         for name, first in zip(owned, range(0, phis, meridians), strict=True)
     ]
-    groups.append(Group(CALIBRATION, (), _calibration_shots()))
+    groups.append(Group(CALIBRATION, (), _calibration_shots(lights[-1].index)))
     bracket = sum(exposures_s) + CAMERA_S * len(exposures_s)
     shots = [shot for group in groups for shot in group.shots]
     return Plan(
@@ -192,11 +193,13 @@ def _travel(shots: Sequence[Shot]) -> float:
     return sum(move_time(a, b) for a, b in itertools.pairwise(poses))
 
 
-def _calibration_shots() -> tuple[Shot, ...]:
+def _calibration_shots(pole: int) -> tuple[Shot, ...]:
+    """The calibration's subjects, then the fabric at θ = 0: it ties the lamp on the white plate to the monitors."""
     return (
         Shot("dark", "dark", None, 0.0, 0.0),
         Shot("white", "white", None, 0.0, 0.0),
         Shot("chart", "chart", None, 45.0, 0.0),
+        *(Shot(f"monitor_c{k}", "monitor", pole, 0.0, 0.0) for k in range(1, CALIBRATION_MONITORS + 1)),
     )
 
 

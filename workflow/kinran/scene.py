@@ -65,17 +65,17 @@ def placement(shape: tuple[int, int], texel_mm: float | None, cloth: tuple[float
     Returns
     -------
     dict
-        A swatch of known size repeats. One of unknown size covers the cloth once, centred, with its aspect
-        ratio kept: what sticks out along weft or warp is not seen.
+        A swatch of known size repeats. One of unknown size covers the width of the cloth once, its top at the
+        top, and starts again below, so that the whole picture is seen.
     """
     rows, columns = shape
     if texel_mm is not None:
-        size, shift, wrap = np.array([columns, rows]) * texel_mm, np.zeros(2), "repeat"
+        size, shift = np.array([columns, rows]) * texel_mm, np.zeros(2)
     else:
-        size = np.array([columns, rows]) * max(cloth[0] / columns, cloth[1] / rows)
-        shift, wrap = (size - np.array(cloth)) / 2, "clamp"
+        size = np.array([columns, rows]) * cloth[0] / columns
+        shift = np.array([0.0, size[1] - cloth[1]])
     values = {"repeat_x": 1 / size[0], "repeat_y": 1 / size[1], "shift_x": shift[0], "shift_y": shift[1]}
-    return {**{name: f"{value:.9g}" for name, value in values.items()}, "wrap": wrap}
+    return {**{name: f"{value:.9g}" for name, value in values.items()}, "wrap": "repeat"}
 
 
 def unfitted_labels(material: Material) -> list[int]:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from kinran.chart import (
+from kinran.flatten import (
     boundary_loops,
     hang,
     quarter_turns,
