@@ -29,11 +29,16 @@ def _make_class() -> Any:
 
         def __init__(self, props: Any) -> None:
             mi.BSDF.__init__(self, props)
-            self.pixel_angle = float(props.get("pixel_angle", 0.0))
-            self.maps, self.floor = _maps(props, self.pixel_angle > 0)
+            pixel_angle = float(props.get("pixel_angle", 0.0))
+            self.maps, floor = _maps(props, pixel_angle > 0)
             self.model, self.tail, self.lobes = self.maps.model, self.maps.tail, self.maps.lobes
             transform = props.get("to_uv", mi.ScalarTransform4f())
             self.to_uv = np.array(transform.matrix, np.float64)[:2, [0, 1, 3]]
+            # opaque: a number in the code would make a kernel of its own for each fabric
+            self.floor = dr.opaque(mi.Float, floor)
+            self.rows = [[dr.opaque(mi.Float, float(v)) for v in row] for row in self.to_uv]
+            self.weft = [dr.opaque(mi.Float, float(v)) for v in np.linalg.pinv(self.to_uv[:, :2])[:, 0]]
+            self.per_texel = dr.opaque(mi.Float, self._texels() * pixel_angle**2) if pixel_angle else None
             self.back: Any = props.get_texture("back") if "back" in props else None
             self._set_flags()
 
@@ -53,14 +58,16 @@ def _make_class() -> Any:
         # ---------------------------------------------------------------------------------- at a point
 
         def _uv(self, si: Any) -> Any:
-            m = self.to_uv
-            if np.array_equal(m, np.eye(2, 3)):
+            if np.array_equal(self.to_uv, np.eye(2, 3)):
                 return si.uv
-            u, v = si.uv.x, si.uv.y
-            return mi.Point2f(*[float(r[0]) * u + float(r[1]) * v + float(r[2]) for r in m])
+            return mi.Point2f(*[a * si.uv.x + b * si.uv.y + c for a, b, c in self.rows])
 
         def _terms(self, si: Any, active: Any) -> list[Term]:
-            return self.maps.fetch(si, self._uv(si), self._level(si) if self.pixel_angle else None, active)
+            return self.maps.fetch(si, self._uv(si), None if self.per_texel is None else self._level(si), active)
+
+        def _texels(self) -> float:
+            """Number of texels in a unit square of the mesh's texture coordinates."""
+            return self.maps.size[0] * self.maps.size[1] * abs(float(np.linalg.det(self.to_uv[:, :2])))
 
         def _level(self, si: Any) -> Any:
             """Level of the pyramid whose texels are as large as a pixel's footprint.
@@ -68,10 +75,8 @@ def _make_class() -> Any:
             Integrators hand no ray differentials to BSDFs. The distance from the previous vertex times the
             angle of a pixel is the footprint of a camera ray, and less than that of a bounce.
             """
-            texels = self.maps.size[0] * self.maps.size[1] * abs(float(np.linalg.det(self.to_uv[:, :2])))
-            texel = dr.norm(si.dp_du) * dr.norm(si.dp_dv) / texels
-            footprint = dr.square(si.t * self.pixel_angle) / dr.maximum(si.wi.z, 0.1)
-            return 0.5 * dr.log2(dr.maximum(footprint, 1e-20) / dr.maximum(texel, 1e-20))
+            texels = self.per_texel * dr.square(si.t) / dr.maximum(si.wi.z, 0.1)
+            return 0.5 * dr.log2(dr.maximum(texels, 1e-20) / dr.maximum(dr.norm(si.dp_du) * dr.norm(si.dp_dv), 1e-20))
 
         def _axes(self, si: Any) -> tuple[Any, Any, Any]:
             """Cosine and sine of the weft in the shading frame, and the sign that makes the warp +v."""
@@ -79,8 +84,7 @@ def _make_class() -> Any:
             sign = dr.select(dr.dot(si.sh_frame.t, si.dp_dv) < 0, mi.Float(-1), mi.Float(1))
             if m[0, 1] == 0 and m[1, 0] == 0 and m[0, 0] > 0:
                 return None, None, sign * float(np.sign(m[1, 1]))
-            weft = np.linalg.inv(m)[:, 0]
-            along = si.dp_du * float(weft[0]) + si.dp_dv * float(weft[1])
+            along = si.dp_du * self.weft[0] + si.dp_dv * self.weft[1]
             x, y = dr.dot(si.sh_frame.s, along), dr.dot(si.sh_frame.t, along)
             length = dr.maximum(dr.sqrt(x * x + y * y), 1e-20)
             return x / length, y / length, sign * float(np.sign(np.linalg.det(m)))
@@ -200,9 +204,10 @@ def _make_class() -> Any:
             wo = mi.Vector3f(wo)
             enabled, back = self._enabled(ctx)
             result, density = mi.UnpolarizedSpectrum(0), mi.Float(0)
-            front = active & (si.wi.z > 0) & (wo.z > 0)
+            seen = active & (si.wi.z > 0)
+            front = seen & (wo.z > 0)
             if not _none(front) and any(enabled):
-                terms = self._terms(si, front)
+                terms = self._terms(si, seen)  # the mask that `sample` has: integrators trace both, one look-up
                 axes = self._axes(si)
                 v, l = self._to_fabric(axes, si.wi), self._to_fabric(axes, wo)  # noqa: E741
                 if value:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kinran_bsdf.colours import TO_REC709
 from kinran_bsdf.material import Material
 
 PI = float(np.pi)
@@ -171,7 +172,7 @@ def relight(material: Material, lights: ArrayLike) -> NDArray[np.float32]:
     rows = max(1, (1 << 16) // width)  # a block stays in the cache while all lights pass over it
     for top in range(0, height, rows):
         block = slice(top, min(top + rows, height))
-        terms = [(colour @ back, shape) for colour, shape in material.terms(block)]
+        terms = [(c @ back, np.ascontiguousarray(np.moveaxis(s, -1, 0))) for c, s in material.terms(block)]
         for k, light in enumerate(directions):
             images[k, block] = _radiance(material, terms, light)
     return images
@@ -186,12 +187,10 @@ def _radiance(
     if l[2] <= 0:
         return np.zeros_like(terms[0][0])
     floor = grazing(material.theta_max)
-    (colour, slopes), *lobes = terms
-    result = colour * diffuse_lift(view, l, slopes[..., 0], slopes[..., 1], floor)[..., None]
+    (colour, (x, y)), *lobes = terms
+    result = colour * diffuse_lift(view, l, x, y, floor)[..., None]
     for colour, shape in lobes:
-        result += (
-            colour * lobe(material.model, material.tail, view, l, list(np.moveaxis(shape, -1, 0)), floor)[..., None]
-        )
+        result += colour * lobe(material.model, material.tail, view, l, list(shape), floor)[..., None]
     return result
 
 
@@ -233,8 +232,12 @@ def albedo(material: Material, nodes: int = 24) -> NDArray[np.float32]:
 
 
 def clamp(material: Material) -> NDArray[np.float32]:
-    """The channel `bound`: factor (H, W) in (0, 1] that brings the albedo at V = N to at most 1."""
-    peak = albedo(material).max(-1)
+    """The channel `bound`: factor (H, W) in (0, 1] that brings the albedo at V = N to at most 1.
+
+    In each band of ACEScg, and of Rec.709, where a saturated colour has more.
+    """
+    there = albedo(material)
+    peak = np.maximum(there.max(-1), (there @ TO_REC709.T).max(-1))
     return (1 / np.maximum(peak, 1)).astype(np.float32)
 
 

@@ -1,10 +1,13 @@
-"""Materials that the plugin's tests use."""
+"""Materials that the plugin's tests use, and how they look a BSDF up."""
 
+from pathlib import Path
 from typing import Any
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
-from kinran_bsdf import Material
+from kinran_bsdf import Material, colours
 from kinran_bsdf.material import COLOUR
 
 
@@ -53,3 +56,43 @@ def widths(a: Any, b: Any, angle: Any) -> tuple[Any, Any, Any]:
     """Squared-width matrix with the widths a along `angle` and b across."""
     c, s = np.cos(angle), np.sin(angle)
     return a * a * c * c + b * b * s * s, (a * a - b * b) * c * s, a * a * s * s + b * b * c * c
+
+
+def load(path: Path, **properties: Any) -> Any:
+    return mi.load_dict({"type": "kinran", "filename": str(path), **properties})
+
+
+def interaction(uv: np.ndarray, view: np.ndarray) -> Any:
+    """Surface interactions at uv (n, 2), seen from view (n, 3); one in scalar variants."""
+    if "scalar" in mi.variant():
+        si = dr.zeros(mi.SurfaceInteraction3f)
+        si.uv, si.wi = uv[0].tolist(), view[0].tolist()
+        return si
+    si = dr.zeros(mi.SurfaceInteraction3f, len(uv))
+    si.uv = mi.Point2f(uv.T.astype(np.float32))
+    si.wi = mi.Vector3f(view.T.astype(np.float32))
+    return si
+
+
+def evaluate(bsdf: Any, uv: np.ndarray, view: np.ndarray, light: np.ndarray) -> np.ndarray:
+    """T of n texels, views and lights, (n, bands)."""
+    context = mi.BSDFContext()
+    if "scalar" in mi.variant():
+        rows = [
+            bsdf.eval(context, interaction(uv[k : k + 1], view[k : k + 1]), mi.Vector3f(light[k].tolist()))
+            for k in range(len(uv))
+        ]
+        return np.array([np.array(row).ravel() for row in rows])
+    value = bsdf.eval(context, interaction(uv, view), mi.Vector3f(light.T.astype(np.float32)))
+    return np.array(value).T.reshape(len(uv), -1)
+
+
+def centres(size: tuple[int, int]) -> np.ndarray:
+    """Texture coordinates of texel centres, row by row, (H·W, 2)."""
+    y, x = np.mgrid[: size[0], : size[1]]
+    return np.stack([(x.ravel() + 0.5) / size[1], (y.ravel() + 0.5) / size[0]], -1)
+
+
+def in_variant(acescg: np.ndarray) -> np.ndarray:
+    rec709 = acescg @ colours.TO_REC709.T
+    return rec709 @ colours.LUMINANCE[:, None] if mi.is_monochromatic else rec709

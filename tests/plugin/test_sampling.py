@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from plugin_fabrics import widths
 
-pytestmark = pytest.mark.usefixtures("llvm")
-
 # θ_n, φ_n, dt, dp in radians
 CASES = {
     "middle": (0.5, 1.0, 0.2, 0.3),
@@ -95,8 +93,14 @@ TESTS = len(MODELS) * len(CASES) * len(INCIDENCE)
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("incidence", INCIDENCE)
-def test_samples_follow_the_density(model: str, case: str, incidence: str) -> None:
+def test_samples_follow_the_density(llvm: str, model: str, case: str, incidence: str) -> None:
     test = chi2(model, case, incidence)
+    assert test.run(quiet=True, test_count=TESTS), test.messages
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_samples_follow_the_density_in_each_variant(variant_jit: str, model: str) -> None:
+    test = chi2(model, "middle", "45°")
     assert test.run(quiet=True, test_count=TESTS), test.messages
 
 
@@ -120,14 +124,14 @@ def _brighter(wi: Any, wo: Any, pdf: Any) -> Any:
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("spoil", [_without_jacobian, _without_sine, _turned, _brighter])
-def test_a_wrong_density_is_rejected(model: str, spoil: Any) -> None:
+def test_a_wrong_density_is_rejected(llvm: str, model: str, spoil: Any) -> None:
     """Negative controls: the test above can fail."""
     assert not chi2(model, "middle", "45°", spoil).run(quiet=True, test_count=TESTS)
 
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("component", [0, 1, 2])
-def test_one_component_is_sampled_alone(model: str, component: int) -> None:
+def test_one_component_is_sampled_alone(llvm: str, model: str, component: int) -> None:
     from mitsuba.chi2 import BSDFAdapter, ChiSquareTest, SphericalDomain
 
     if component == 2 and "two" not in model:
@@ -141,7 +145,7 @@ def test_one_component_is_sampled_alone(model: str, component: int) -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("case", CASES)
-def test_weight_is_eval_over_pdf(model: str, case: str) -> None:
+def test_weight_is_eval_over_pdf(llvm: str, model: str, case: str) -> None:
     bsdf, n, rng = mi.load_dict(parameters(model, case)), 20_000, np.random.default_rng(3)
     si = dr.zeros(mi.SurfaceInteraction3f, n)
     si.wi = mi.warp.square_to_uniform_hemisphere(mi.Point2f(rng.random((2, n)).astype(np.float32)))
@@ -162,7 +166,7 @@ def test_weight_is_eval_over_pdf(model: str, case: str) -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("incidence", INCIDENCE)
-def test_albedo_by_sampling_is_albedo_by_uniform_directions(model: str, incidence: str) -> None:
+def test_albedo_by_sampling_is_albedo_by_uniform_directions(llvm: str, model: str, incidence: str) -> None:
     """The furnace, twice: no energy is made or lost by the sampler."""
     bsdf, n, rng = mi.load_dict(parameters(model, "middle")), 1 << 20, np.random.default_rng(5)
     si = dr.zeros(mi.SurfaceInteraction3f, n)

@@ -1,0 +1,166 @@
+"""The residual: what the lobes leave, as a few principal components over the lights, in display-like values.
+
+Photographs under few lights show more than a lobe can follow: cast shadows, relief, a second gloss. In values as
+they are displayed (compressed, so that shadows count as much as highlights) a picture under the light l is
+
+    s · compress(lobes) + R₀ + Σ_k b_k(l_x, l_y) R_k
+
+with maps R and functions b of the light that are thin-plate splines through the fitted lights. The share s is 1
+where the lobes are trusted, and 0 where plain interpolation does better.
+"""
+
+import json
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+LOG_COMPRESSION = 500.0
+
+
+@dataclass(frozen=True)
+class Residual:
+    """How the residual of a material depends on the light; its maps are the channels ``residualK.RGB``.
+
+    Attributes
+    ----------
+    domain
+        ``srgb``, ``linear``, ``gamma:EXPONENT`` or ``log:PEAK``: what `compress` does.
+    share
+        Part of the lobes in a picture, 0 to 1.
+    lights : (n, 2) float
+        (l_x, l_y) of the fitted lights.
+    weights : (n + 3, count) float
+        Spline coefficients of each component: kernels, then 1, l_x, l_y.
+    """
+
+    domain: str
+    share: float
+    lights: Array
+    weights: Array
+
+    @property
+    def count(self) -> int:
+        """Number of components besides the mean."""
+        return self.weights.shape[1]
+
+    def basis(self, lights: ArrayLike) -> Array:
+        """Factors (m, count + 1) of the maps under lights (m, 3); the first, of the mean, is 1."""
+        at = np.asarray(lights, float)[:, :2]
+        splines = kernel_matrix(at, self.lights) @ self.weights
+        return np.concatenate([np.ones((len(at), 1)), splines], 1)
+
+    def to_json(self) -> str:
+        """As the header of a material holds it."""
+        return json.dumps(
+            {
+                "domain": self.domain,
+                "share": self.share,
+                "lights": np.round(self.lights, 9).tolist(),
+                "weights": [[float(f"{v:.9g}") for v in row] for row in self.weights],
+            }
+        )
+
+    @classmethod
+    def from_json(cls, text: str) -> "Residual":
+        """From the header of a material.
+
+        Raises
+        ------
+        ValueError, KeyError, TypeError
+            The text is not that of a residual.
+        """
+        value = json.loads(text)
+        lights = np.array(value["lights"], float).reshape(-1, 2)
+        weights = np.array(value["weights"], float)
+        if weights.ndim != 2 or len(weights) != len(lights) + 3:
+            raise ValueError("the spline has another number of lights than of coefficients")
+        compress(0.0, value["domain"])
+        return cls(value["domain"], float(value["share"]), lights, weights)
+
+
+def channel_names(count: int) -> list[str]:
+    """Channels of a residual of `count` components and their mean."""
+    return [f"residual{k}.{c}" for k in range(count + 1) for c in "RGB"]
+
+
+def kernel_matrix(at: Array, lights: Array) -> Array:
+    """Thin-plate kernels r² ln r of points (m, 2) around lights (n, 2), then 1, x, y; (m, n + 3)."""
+    square = ((at[:, None] - lights[None]) ** 2).sum(-1)
+    kernels = np.where(square > 0, 0.5 * square * np.log(np.maximum(square, 1e-300)), 0)
+    return np.concatenate([kernels, np.ones((len(at), 1)), at], 1)
+
+
+def spline(lights: ArrayLike, values: Array, smoothing: float) -> Array:
+    """Coefficients (n + 3, k) of smoothing thin-plate splines [Duchon 1977; Wahba 1990].
+
+    Parameters
+    ----------
+    lights : (n, 2) or (n, 3) float
+        Only (l_x, l_y) counts.
+    values : (n, k) float
+        Values at the lights.
+    smoothing
+        0 goes through the values.
+    """
+    at = np.asarray(lights, float)[:, :2]
+    n = len(at)
+    system = np.zeros((n + 3, n + 3))
+    system[:n] = kernel_matrix(at, at)
+    system[:n, :n] += smoothing * np.eye(n)
+    system[n:, :n] = system[:n, n:].T
+    right = np.zeros((n + 3, values.shape[1]))
+    right[:n] = values
+    return np.asarray(np.linalg.lstsq(system, right, rcond=None)[0])
+
+
+def compress(light: Any, domain: str, *, xp: ModuleType = np) -> Any:
+    """Display-like values of linear light, which may exceed 1; negative light counts as 0."""
+    x = xp.maximum(light, 0.0)
+    kind, _, number = domain.partition(":")
+    if kind == "linear":
+        return x
+    if kind == "gamma":
+        return x ** (1 / float(number))
+    if kind == "log":
+        return xp.log(1 + x * (LOG_COMPRESSION / float(number))) * (1 / np.log1p(LOG_COMPRESSION))
+    if kind == "srgb":
+        choose = np.where if xp is np else xp.select  # type: ignore[attr-defined]
+        return choose(x <= 0.0031308, 12.92 * x, 1.055 * xp.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
+    raise ValueError(f"unknown domain '{domain}' of a residual")
+
+
+def expand(value: Any, domain: str, *, xp: ModuleType = np) -> Any:
+    """Linear light of display-like values: the inverse of `compress`; negative values count as 0."""
+    y = xp.maximum(value, 0.0)
+    kind, _, number = domain.partition(":")
+    if kind == "linear":
+        return y
+    if kind == "gamma":
+        return y ** float(number)
+    if kind == "log":
+        return (xp.exp(y * np.log1p(LOG_COMPRESSION)) - 1) * (float(number) / LOG_COMPRESSION)
+    if kind == "srgb":
+        choose = np.where if xp is np else xp.select  # type: ignore[attr-defined]
+        return choose(y <= 0.04045, y * (1 / 12.92), ((xp.maximum(y, 0.04045) + 0.055) * (1 / 1.055)) ** 2.4)
+    raise ValueError(f"unknown domain '{domain}' of a residual")
+
+
+def relit(
+    lobes: NDArray[np.float32], residual: Residual, maps: NDArray[np.float32], factors: Array
+) -> NDArray[np.float32]:
+    """Pictures (n, texel, 3) of the lobes (n, texel, 3) with the residual on top; never negative.
+
+    Parameters
+    ----------
+    maps : (count + 1, texel, 3) float32
+    factors : (n, count + 1)
+        `Residual.basis` of the lights.
+    """
+    shown = np.float32(residual.share) * compress(lobes, residual.domain)
+    shown += np.tensordot(factors.astype(np.float32), maps, 1)
+    return np.asarray(expand(shown, residual.domain), np.float32)
