@@ -127,7 +127,7 @@ def _make_class() -> Any:
             norm = 1 / dr.maximum(sum(weights), 1e-20)
             return [w * norm for w in weights]
 
-        def _value(self, terms: list[Term], enabled: list[bool], v: Any, l: Any) -> Any:  # noqa: E741
+        def _value(self, si: Any, terms: list[Term], enabled: list[bool], v: Any, l: Any) -> Any:  # noqa: E741
             value = mi.UnpolarizedSpectrum(0)
             if enabled[0]:
                 x, y = terms[0].shape
@@ -135,7 +135,24 @@ def _make_class() -> Any:
             for k, term in enumerate(terms[1:], 1):
                 if enabled[k]:
                     value += term.colour * models.lobe(self.model, self.tail, v, l, term.shape, self.floor, xp=dr)
+            if self.maps.residual is not None and enabled[0]:
+                value = dr.maximum(value + self._residual(si, terms, v, l), 0)
             return value
+
+        def _residual(self, si: Any, terms: list[Term], v: Any, l: Any) -> Any:  # noqa: E741
+            """Residual at the light that has the same half vector at the measured view, fading out beyond it."""
+            h = dr.normalize(v + l)
+            view = mi.Vector3f(0, 0, 1)
+            light = mi.Vector3f(2 * h.z * h.x, 2 * h.z * h.y, 2 * h.z * h.z - 1)
+            x, y = terms[0].shape
+            factors = [models.diffuse_lift(view, light, x, y, self.floor, xp=dr)]
+            for term in terms[1:]:
+                factors.append(models.lobe(self.model, self.tail, view, light, term.shape, self.floor, xp=dr))
+            lobes = [sum(f * t.bands[c] for f, t in zip(factors, terms, strict=True)) for c in range(3)]
+            measured = light.z >= self.floor
+            change = self.maps.residual.change(lobes, light, self._uv(si), measured)
+            fade = dr.select(measured, models.release(v, l, xp=dr), 0)
+            return self.maps.spectrum(si, [fade * c for c in change], measured)
 
         def _density(self, terms: list[Term], p: list[Any], v: Any, l: Any) -> Any:  # noqa: E741
             density = p[0] * l.z * dr.inv_pi
@@ -170,7 +187,7 @@ def _make_class() -> Any:
             good = front & (light.z > 0)
             density = dr.detach(self._density(terms, p, v, light))
             good &= density > 0
-            value = dr.select(good, self._value(terms, enabled, v, light) / dr.maximum(density, 1e-20), 0)
+            value = dr.select(good, self._value(si, terms, enabled, v, light) / dr.maximum(density, 1e-20), 0)
             bs.wo = self._from_fabric(axes, light)
             bs.pdf = dr.select(good, density, 0)
             if back:
@@ -211,7 +228,7 @@ def _make_class() -> Any:
                 axes = self._axes(si)
                 v, l = self._to_fabric(axes, si.wi), self._to_fabric(axes, wo)  # noqa: E741
                 if value:
-                    result = dr.select(front, self._value(terms, enabled, v, l), 0)
+                    result = dr.select(front, self._value(si, terms, enabled, v, l), 0)
                 if pdf:
                     p = self._probabilities(terms, enabled)
                     density = dr.select(front, self._density(terms, p, v, l), 0)

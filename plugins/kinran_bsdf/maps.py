@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from kinran_bsdf import colours
 from kinran_bsdf.material import NEUTRAL, SHAPES, WIDTH_FLOOR, Material
 from kinran_bsdf.pyramid import Pyramid
+from kinran_bsdf.residual_maps import ResidualMaps
 
 mi: Any = mitsuba  # its types are those of the variant, at run time
 
@@ -17,11 +18,12 @@ Map = NDArray[np.float32]
 
 
 class Term(NamedTuple):
-    """One term of the model at a point: colour · amplitude, its mean over bands, and its shape."""
+    """One term of the model at a point: colour · amplitude, its mean over bands, its shape, and its bands."""
 
     colour: Any
     strength: Any
     shape: list[Any]
+    bands: list[Any]
 
 
 class PackedMaps:
@@ -45,6 +47,9 @@ class PackedMaps:
         )
         self.tensor: Any = None  # a copy of what the texture holds, made when somebody traverses
         self.pyramid = Pyramid(packed, colours.bands(), wrap_mode) if pyramid else None
+        # one channel of a mono variant cannot follow the photographs' three
+        use = material.residual if colours.bands() == 3 else None
+        self.residual = ResidualMaps(material, use, mode, wrap) if use else None
         extra = np.stack([material.channels[name] for name in self.attributes], -1)
         self.extra = mi.Texture2f(
             mi.TensorXf(extra),
@@ -69,9 +74,13 @@ class PackedMaps:
             colour = values[start : start + bands]
             start += bands
             spectrum = colours.Primaries.spectrum(colour, primaries)
-            terms.append(Term(spectrum, sum(colour) / bands, values[start : start + len(shape)]))
+            terms.append(Term(spectrum, sum(colour) / bands, values[start : start + len(shape)], colour))
             start += len(shape)
         return terms
+
+    def spectrum(self, si: Any, values: list[Any], active: Any) -> Any:
+        """Spectrum of three values in Rec. 709, which may be negative."""
+        return colours.Primaries.spectrum(values, self.primaries.at(si.wavelengths, active))
 
     def attribute(self, name: str, uv: Any, active: Any) -> Any:
         """One of `attributes` at `uv`."""
@@ -110,6 +119,7 @@ class TextureMaps:
     """Parameters as constants or Mitsuba textures, named as the file's channels with `_` for the dot."""
 
     attributes = ()
+    residual = None
 
     def __init__(self, props: Any, model: str, tail: str, lobes: int) -> None:
         self.model, self.tail, self.lobes = model, tail, lobes
@@ -131,7 +141,7 @@ class TextureMaps:
             amplitude = dr.maximum(self.textures[f"{name}_amplitude"].eval_1(si, active), 0)
             colour = mi.unpolarized_spectrum(self.textures[name].eval(si, active)) * amplitude
             values = [self.textures[f"{name}_{s}"].eval_1(si, active) for s in shape]
-            terms.append(Term(colour, dr.mean(colour), self._floored(shape, values)))
+            terms.append(Term(colour, dr.mean(colour), self._floored(shape, values), []))
         return terms
 
     @staticmethod

@@ -2,7 +2,7 @@
 
 import json
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,9 @@ from typing import Any
 import mitsuba
 import numpy as np
 from numpy.typing import NDArray
+
+from kinran_bsdf.residual import Residual
+from kinran_bsdf.residual import channel_names as residual_names
 
 mi: Any = mitsuba  # its types are those of the variant, at run time
 
@@ -64,6 +67,8 @@ class Material:
     encoding, crop
         How the fitted photographs encode light (``srgb``, ``linear``, ``gamma:2.2``; empty for radiance) and
         which part X,Y,W,H of them was used (empty for all): what it takes to compare with them again.
+    residual
+        How the maps ``residualK.RGB`` depend on the light; None where the lobes are all.
     """
 
     channels: dict[str, Map]
@@ -78,12 +83,23 @@ class Material:
     theta_max: float
     encoding: str = ""
     crop: str = ""
+    residual: Residual | None = None
 
     @property
     def size(self) -> tuple[int, int]:
         """Height and width in texels."""
         height, width = self.channels["label"].shape
         return height, width
+
+    def part(self, rows: slice, columns: slice) -> "Material":
+        """The material of a part of the fabric."""
+        return replace(self, channels={name: plane[rows, columns] for name, plane in self.channels.items()})
+
+    def residual_maps(self, rows: slice = slice(None)) -> Map:
+        """Maps of the residual (count + 1, h, W, 3): the mean over the lights, then the components."""
+        assert self.residual is not None
+        planes = [self.channels[name][rows] for name in residual_names(self.residual.count)]
+        return np.stack([np.stack(planes[k : k + 3], -1) for k in range(0, len(planes), 3)])
 
     def terms(self, rows: slice = slice(None)) -> list[tuple[Map, Map]]:
         """Colour · amplitude (h, W, 3) and shape (h, W, n) of the diffuse term, then of each lobe.
@@ -133,11 +149,11 @@ def _floor(model: str, shape: Map) -> None:
     yy += lack
 
 
-def channel_names(model: str, lobes: int) -> list[str]:
+def channel_names(model: str, lobes: int, residual: Residual | None = None) -> list[str]:
     """Names of the channels that a material of this model has."""
     terms = [("diffuse", ("x", "y"))] + [(f"lobe{k}", SHAPES[model]) for k in range(1, lobes + 1)]
     names = [f"{term}.{c}" for term, shape in terms for c in ("R", "G", "B", "amplitude", *shape)]
-    return ["label", "bound", *names]
+    return ["label", "bound", *names, *(residual_names(residual.count) if residual else ())]
 
 
 def read_material(path: str | os.PathLike[str]) -> Material:
@@ -193,6 +209,7 @@ def _from_header(path: Path, header: dict[str, Any], channels: dict[str, Map]) -
             theta_max=float(json.loads(values["measured"])["theta_max"]),
             encoding=str(header.get("kinran:encoding", "")),
             crop=str(header.get("kinran:crop", "")),
+            residual=Residual.from_json(text("residual")) if header.get("kinran:residual") else None,
         )
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path}: a kinran: attribute cannot be read ({error}); write the material again") from None
@@ -217,7 +234,7 @@ def check(material: Material, name: str) -> None:
         raise ValueError(f"{name}: colour space '{m.colour}' is not '{COLOUR}'; convert the maps")
     if m.from_stack.shape != (3, 3) or not np.isfinite(m.from_stack).all() or not np.linalg.det(m.from_stack):
         raise ValueError(f"{name}: from_stack is not an invertible 3×3 matrix; calibrate the colour again")
-    for channel in channel_names(m.model, m.lobes):
+    for channel in channel_names(m.model, m.lobes, m.residual):
         if channel not in m.channels:
             raise ValueError(f"{name}: has no channel '{channel}', which model '{m.model}' needs; fit it again")
         if not np.isfinite(m.channels[channel]).all():
@@ -254,7 +271,7 @@ def write_material(path: str | os.PathLike[str], material: Material) -> None:
     """
     path = Path(path)
     check(material, str(path))
-    names = channel_names(material.model, material.lobes)
+    names = channel_names(material.model, material.lobes, material.residual)
     names += sorted(set(material.channels) - set(names))
     shapes = {material.channels[n].shape for n in names}
     if len(shapes) != 1:
@@ -293,4 +310,5 @@ def _header(material: Material) -> dict[str, str]:
         "measured": json.dumps({"theta_max": float(material.theta_max)}),
         "encoding": material.encoding,
         "crop": material.crop,
+        "residual": material.residual.to_json() if material.residual else "",
     }

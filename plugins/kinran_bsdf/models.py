@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kinran_bsdf.colours import TO_REC709
 from kinran_bsdf.material import Material
+from kinran_bsdf.residual import relit
 
 PI = float(np.pi)
 GRAZING = float(np.cos(np.radians(85.0)))
@@ -175,6 +176,10 @@ def relight(material: Material, lights: ArrayLike) -> NDArray[np.float32]:
         terms = [(c @ back, np.ascontiguousarray(np.moveaxis(s, -1, 0))) for c, s in material.terms(block)]
         for k, light in enumerate(directions):
             images[k, block] = _radiance(material, terms, light)
+        if material.residual is not None:
+            maps = material.residual_maps(block)
+            for k, factors in enumerate(material.residual.basis(directions)):
+                images[k, block] = relit(images[k, block], material.residual, maps, factors)
     return images
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Map = NDArray[np.float32]
 
 LOG_COMPRESSION = 500.0
 
@@ -129,7 +130,7 @@ def compress(light: Any, domain: str, *, xp: ModuleType = np) -> Any:
     if kind == "log":
         return xp.log(1 + x * (LOG_COMPRESSION / float(number))) * (1 / np.log1p(LOG_COMPRESSION))
     if kind == "srgb":
-        choose = np.where if xp is np else xp.select  # type: ignore[attr-defined]
+        choose = np.where if xp is np else xp.select
         return choose(x <= 0.0031308, 12.92 * x, 1.055 * xp.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
     raise ValueError(f"unknown domain '{domain}' of a residual")
 
@@ -145,22 +146,20 @@ def expand(value: Any, domain: str, *, xp: ModuleType = np) -> Any:
     if kind == "log":
         return (xp.exp(y * np.log1p(LOG_COMPRESSION)) - 1) * (float(number) / LOG_COMPRESSION)
     if kind == "srgb":
-        choose = np.where if xp is np else xp.select  # type: ignore[attr-defined]
+        choose = np.where if xp is np else xp.select
         return choose(y <= 0.04045, y * (1 / 12.92), ((xp.maximum(y, 0.04045) + 0.055) * (1 / 1.055)) ** 2.4)
     raise ValueError(f"unknown domain '{domain}' of a residual")
 
 
-def relit(
-    lobes: NDArray[np.float32], residual: Residual, maps: NDArray[np.float32], factors: Array
-) -> NDArray[np.float32]:
-    """Pictures (n, texel, 3) of the lobes (n, texel, 3) with the residual on top; never negative.
+def relit(lobes: Map, residual: Residual, maps: Map, factors: Array) -> Map:
+    """A picture (…, 3) with the residual on top of its lobes (…, 3), never negative.
 
     Parameters
     ----------
-    maps : (count + 1, texel, 3) float32
-    factors : (n, count + 1)
-        `Residual.basis` of the lights.
+    maps : (count + 1, …, 3) float32
+    factors : (count + 1,)
+        `Residual.basis` of its light.
     """
     shown = np.float32(residual.share) * compress(lobes, residual.domain)
-    shown += np.tensordot(factors.astype(np.float32), maps, 1)
+    shown = shown + np.tensordot(factors.astype(np.float32), maps, 1)
     return np.asarray(expand(shown, residual.domain), np.float32)

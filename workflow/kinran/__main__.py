@@ -9,6 +9,7 @@ from kinran.files import InputError
 COMMANDS = {
     "demo": ("kinran.demo", "run the whole pipeline on the virtual rig"),
     "test": ("kinran.selftest", "run the tests"),
+    "bench": ("kinran.bench", "measure speed and accuracy"),
     "doctor": ("kinran.doctor", "check this machine and say what to do"),
     "rti": ("kinran.rti", "run the pipeline on photographs with a .lp file"),
     "relight": ("kinran.relight", "relight a material, and compare with photographs"),
@@ -21,13 +22,17 @@ COMMANDS = {
     "merge": ("kinran.merge", "merge the brackets of a group to radiance"),
     "stack": ("kinran.assemble", "complete the radiance stack"),
     "segment": ("kinran.segment", "segment a fabric into regions"),
+    "need": ("kinran.need", "say what a scene needs of a fabric"),
     "prior": ("kinran.fit.prior", "find the regions' priors for the fit"),
     "fit": ("kinran.fit.tile", "fit a model to a run of tiles"),
     "material": ("kinran.fit.join", "join fitted runs to a material"),
+    "residual": ("kinran.fit.residual", "add a residual where it pays"),
     "evaluate": ("kinran.evaluate", "judge materials on held-out lights"),
     "scan": ("kinran.scan", "generate the scan of a draped cloth"),
     "mesh": ("kinran.mesh", "clean and unwrap a scan"),
     "scene": ("kinran.scene", "assemble a Mitsuba scene"),
+    "chart": ("kinran.chart", "chart accuracy against speed"),
+    "charts": ("kinran.chart.page", "write the page of all charts"),
     "report": ("kinran.report", "write the report of a fabric"),
     "overview": ("kinran.report.overview", "write the overview of all fabrics"),
 }
@@ -50,7 +55,7 @@ def main(argv: list[str] | None = None) -> int:
             stage.add_arguments(command)
     args, rest = parser.parse_known_args(argv)
     args.rest = rest
-    if rest and args.command != "test":
+    if rest and args.command not in ("test", "bench"):
         parser.error(f"unknown arguments: {' '.join(rest)}")
     try:
         importlib.import_module(COMMANDS[args.command][0]).main(args)

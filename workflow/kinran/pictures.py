@@ -42,9 +42,19 @@ def heat(values: ArrayLike, high: float) -> Picture:
     return upright(HEAT[low] * (1 - part) + HEAT[low + 1] * part)
 
 
-def label_map(labels: NDArray[np.intp]) -> Picture:
-    """Label map (y, x), row 0 at the bottom, in the colours of `LABEL_COLOURS`."""
-    return upright(LABEL_COLOURS[labels % len(LABEL_COLOURS)])
+def region_colours(colours: NDArray[np.float64]) -> Picture:
+    """Colours (region, 3) for a label map: their own linear ones, or `LABEL_COLOURS` where these look alike."""
+    own = np.clip(colours, 0, None)
+    own = SRGB.encode(own / np.maximum(own.max(1, keepdims=True), 1e-6) * 0.8) * 255
+    apart = np.linalg.norm(own[:, None] - own[None], axis=-1) + 1e3 * np.eye(len(own))
+    if apart.min() < 60:
+        return LABEL_COLOURS[np.arange(len(own)) % len(LABEL_COLOURS)]
+    return own.astype(np.uint8)
+
+
+def label_map(labels: NDArray[np.intp], colours: Picture) -> Picture:
+    """Label map (y, x), row 0 at the bottom, in the colours (region, 3)."""
+    return upright(colours[labels])
 
 
 def directions_map(x: ArrayLike, y: ArrayLike, scale: float = 0.6) -> Picture:

@@ -68,6 +68,19 @@ def virtual_rig(wildcards):
     return json.dumps(settings, sort_keys=True)
 
 
+def methods(wildcards):
+    """Methods of a fabric that are judged; the first one makes its material."""
+    photographs = wildcards.fabric in set_fabrics
+    with_residual = config["fit"]["residual"] == "all" or (config["fit"]["residual"] == "photographs" and photographs)
+    return ["slope-residual", *models] if with_residual and models[0] == "slope" else models
+
+
+def need_of(wildcards):
+    """What the scene needs of a fabric, where the fit asks for it; else nothing of the fit depends on the scene."""
+    return f"results/{wildcards.fabric}/need.json" if config["fit"]["regions"] == "needed" else []
+
+
 def fitted_option(wildcards):
-    """Which regions get a lobe: all, or only the shiniest, which has the label 0."""
-    return "--fitted 0" if config["fit"]["regions"] == "shiniest" else ""
+    """Which regions get a lobe: all, only the shiniest, which has the label 0, or those that the scene shows."""
+    needed = f"--need results/{wildcards.fabric}/need.json"
+    return {"all": "", "shiniest": "--fitted 0", "needed": needed}[config["fit"]["regions"]]

@@ -47,6 +47,7 @@ rule fit:
             then="results/{fabric}/fit/prior.json",
             otherwise=[],
         ),
+        need=need_of,
     output:
         temp("results/{fabric}/fit/{model}.{job}.npz"),
     log:
@@ -76,6 +77,7 @@ rule material:
         labels="results/{fabric}/labels.exr",
         regions="results/{fabric}/regions.json",
         runs=expand("results/{{fabric}}/fit/{{model}}.{job}.npz", job=jobs),
+        need=need_of,
     output:
         material="results/{fabric}/fit/{model}.exr",
         summary="results/{fabric}/fit/{model}.json",
@@ -91,9 +93,36 @@ rule material:
         " --summary {output.summary:q} 2>&1 | tee {log}"
 
 
+rule residual:
+    input:
+        stack="results/{fabric}/radiance.zarr/zarr.json",
+        labels="results/{fabric}/labels.exr",
+        prior="results/{fabric}/fit/prior.json",
+        material="results/{fabric}/fit/slope.exr",
+        summary="results/{fabric}/fit/slope.json",
+    output:
+        material="results/{fabric}/fit/slope-residual.exr",
+        summary="results/{fabric}/fit/slope-residual.json",
+    log:
+        "logs/{fabric}/residual.log",
+    benchmark:
+        "results/{fabric}/benchmarks/residual.tsv"
+    threads: workflow.cores
+    resources:
+        mem_mb=2000,
+        runtime=60,
+    params:
+        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        code=digest("kinran.fit.residual"),
+    shell:
+        "python -m kinran residual {output.material:q} --stack {params.stack:q} --labels {input.labels:q}"
+        " --prior {input.prior:q} --material {input.material:q} --fitted {input.summary:q}"
+        " --summary {output.summary:q} --threads {threads} 2>&1 | tee {log}"
+
+
 rule choose:
     input:
-        f"results/{{fabric}}/fit/{config['fit']['model']}.exr",
+        lambda wildcards: f"results/{wildcards.fabric}/fit/{methods(wildcards)[0]}.exr",
     output:
         "results/{fabric}/material.exr",
     log:
@@ -108,8 +137,12 @@ rule evaluate:
         stack="results/{fabric}/radiance.zarr/zarr.json",
         labels="results/{fabric}/labels.exr",
         regions="results/{fabric}/regions.json",
-        materials=expand("results/{{fabric}}/fit/{model}.exr", model=models),
-        summaries=expand("results/{{fabric}}/fit/{model}.json", model=models),
+        materials=lambda wildcards: expand(
+            "results/{fabric}/fit/{model}.exr", fabric=wildcards.fabric, model=methods(wildcards)
+        ),
+        summaries=lambda wildcards: expand(
+            "results/{fabric}/fit/{model}.json", fabric=wildcards.fabric, model=methods(wildcards)
+        ),
     output:
         errors="results/{fabric}/evaluation.json",
         picture="results/{fabric}/evaluation.png",

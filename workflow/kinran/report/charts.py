@@ -35,7 +35,7 @@ def _dot(x: float, y: float, r: float, fill: str, title: str, stroke: str = "non
 
 def lights(points: Sequence[tuple[str, float, float, bool]]) -> str:
     """Light directions (name, θ, φ in radians, held out) seen from the camera; the rim is the horizon."""
-    size, radius = 300, 130
+    size, radius = 360, 160
     c = size / 2
     parts = [f'<circle cx="{c}" cy="{c}" r="{radius}" fill="#fbf8f2" stroke="{GRID}"/>']
     for degrees in (30, 60):
@@ -47,7 +47,9 @@ def lights(points: Sequence[tuple[str, float, float, bool]]) -> str:
         r = radius * theta / (math.pi / 2)
         x, y = c + r * math.cos(phi), c - r * math.sin(phi)
         where = f"{name}: θ {math.degrees(theta):.0f}°, φ {math.degrees(phi):.0f}°{', held out' if held else ''}"
-        parts.append(_dot(x, y, 3, "#fff" if held else colour(0), where, colour(1) if held else "none"))
+        parts.append(
+            _dot(x, y, 3.6 if held else 2.6, "#fff" if held else colour(0), where, colour(1) if held else "none")
+        )
     parts += [_text(c + radius + 10, c + 4, "X", fill=FAINT), _text(c, c - radius - 6, "Y", fill=FAINT)]
     return _svg(size, size, parts, "Light directions; rings are held out")
 

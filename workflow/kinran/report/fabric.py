@@ -140,6 +140,7 @@ def _regions(results: Path, regions: list[Region], material: Material, calibrati
     rgb = _rec709(median @ calibration.matrix.T)
     models = {region["label"]: region["model"] for region in material.regions}
     rows = []
+    palette = pictures.region_colours(np.array([region.colour for region in regions]))
     for region in regions:
         colour = np.clip(np.array(region.colour), 0, None)
         shown = pictures.SRGB.encode(colour / max(colour.max(), 0.5)) * 255
@@ -150,13 +151,13 @@ def _regions(results: Path, regions: list[Region], material: Material, calibrati
                 "share": f"{100 * region.texels / labels.size:.1f} %",
                 "shininess": f"{region.shininess:.2f}",
                 "model": models[region.label],
-                "swatch": _css(pictures.LABEL_COLOURS[region.label % len(pictures.LABEL_COLOURS)]),
+                "swatch": _css(palette[region.label]),
                 "colour": _css(shown),
             }
         )
     return {
         "regions": rows,
-        "label_map": embed(pictures.enlarge(pictures.label_map(labels), MAP_WIDTH)),
+        "label_map": embed(pictures.enlarge(pictures.label_map(labels, palette), MAP_WIDTH)),
         "photograph": embed(pictures.enlarge(pictures.photograph(rgb, pictures.auto_exposure(rgb)), MAP_WIDTH)),
     }
 

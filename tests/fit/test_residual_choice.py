@@ -1,0 +1,84 @@
+"""Cross-validation chooses a residual where shadows ask for one, and none where the lobes say it all."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic_texels import radiance, texels
+
+from kinran import frames
+from kinran.encoding import parse
+from kinran.fit import residual, samples, slope
+
+
+class Set:
+    """Stands in for a stack of photographs: one tile, in memory."""
+
+    def __init__(self, T: np.ndarray, lights: np.ndarray) -> None:
+        self.lights = lights
+        self.sample = samples.Samples((0, 16, 0, 16), T.astype(np.float32), np.ones((len(T), len(lights)), np.float32))
+
+    def tiles(self) -> list[samples.Box]:
+        return [self.sample.box]
+
+
+def choose(T: np.ndarray, lights: np.ndarray, folder: Path, monkeypatch: pytest.MonkeyPatch) -> residual.Choice:
+    stack = Set(T, lights)
+    monkeypatch.setattr(samples, "iterate", lambda stack, boxes: iter([stack.sample]))
+    monkeypatch.setattr(samples, "training_directions", lambda stack: stack.lights)
+    free = slope.fit(stack.sample.T, stack.sample.W, lights)
+    region = np.zeros(len(T), np.intp)
+    priors = slope.region_priors(free, stack.sample.W, region, 1)
+    (folder / "prior.json").write_text(
+        json.dumps([{"centre": p.centre.tolist(), "variance": p.variance} for p in priors])
+    )
+    return residual.choose(stack, region.reshape(16, 16), folder / "prior.json", "srgb", 1)  # type: ignore[arg-type]
+
+
+def lights_of_a_dome(n: int = 60) -> np.ndarray:
+    k = np.arange(n) + 0.5
+    theta = np.arccos(1 - 0.75 * k / n)
+    return frames.direction(theta, k * np.pi * (3 - 5**0.5))
+
+
+def test_none_where_lobes_are_exact(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lights = lights_of_a_dome()
+    T = 0.2 * radiance(*texels(256), lights)
+    assert choose(T, lights, tmp_path, monkeypatch).components == 0
+
+
+def test_some_where_shadows_fall(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each texel is dark under light from its own side, below an angle of its own: no lobe can say that."""
+    lights = lights_of_a_dome()
+    rng = np.random.default_rng(0)
+    side = rng.uniform(0, 2 * np.pi, 256)
+    towards = np.stack([np.cos(side), np.sin(side)], 1) @ lights[:, :2].T
+    shadow = 1 / (1 + np.exp(-12 * (0.3 - towards)))
+    T = 0.2 * radiance(*texels(256), lights) * (0.1 + 0.9 * shadow[:, None])
+    choice = choose(T, lights, tmp_path, monkeypatch)
+    assert choice.components > 0
+    assert choice.psnr > choice.lobes_psnr + 1
+
+
+def test_saturated_samples_are_not_pulled_down_to_white() -> None:
+    shown, lobes = np.array([[1.0, 0.4]]), np.array([[1.6, 0.5]])
+    np.testing.assert_allclose(residual.remainder(shown, lobes, "srgb", 1.0), [[0, -0.1]])
+    np.testing.assert_allclose(residual.remainder(shown, lobes, "log:2", 1.0), [[-0.6, -0.1]])
+
+
+def test_principal_components_are_orthonormal_and_ordered() -> None:
+    left = np.random.default_rng(0).normal(size=(12, 300)) * np.arange(12, 0, -1)[:, None]
+    basis = residual.principal(left, 5)
+    np.testing.assert_allclose(basis.T @ basis, np.eye(5), atol=1e-10)
+    strength = np.linalg.norm(basis.T @ left, axis=1)
+    assert (np.diff(strength) < 0).all()
+
+
+def test_encodings_of_photographs_are_domains_of_the_residual() -> None:
+    """The same curve in both places."""
+    from kinran_bsdf.residual import compress
+
+    light = np.linspace(0, 1, 100, dtype=np.float32)
+    for name in ("srgb", "linear", "gamma:2.2"):
+        np.testing.assert_allclose(compress(light, name), parse(name).encode(light), atol=2e-6)

@@ -1,0 +1,117 @@
+"""The residual: its spline, its file, and that the renderer shows at the measured view what relighting shows."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plugin_fabrics import centres, evaluate, in_variant, load, random_material
+
+from kinran_bsdf import Material, models, read_material, write_material
+from kinran_bsdf.residual import Residual, compress, expand, kernel_matrix, spline
+
+
+def dome(n: int, seed: int) -> np.ndarray:
+    """Directions (n, 3) up to 60° from the normal."""
+    z, turn = np.random.default_rng(seed).uniform([0.5, 0], [1, 2 * np.pi], (n, 2)).T
+    r = np.sqrt(1 - z * z)
+    return np.stack([r * np.cos(turn), r * np.sin(turn), z], -1)
+
+
+@pytest.fixture
+def material() -> Material:
+    """A slope material with a residual of three components, as strong as a shadow."""
+    plain = random_material("slope", 1, "ggx")
+    rng = np.random.default_rng(3)
+    maps = {f"residual{k}.{c}": rng.normal(0, 0.05, plain.size).astype(np.float32) for k in range(4) for c in "RGB"}
+    lights = dome(30, 1)
+    weights = spline(lights, np.linalg.qr(rng.normal(size=(30, 3)))[0], 1e-2)
+    residual = Residual("srgb", 0.8, lights[:, :2], weights)
+    return replace(plain, channels={**plain.channels, **maps}, residual=residual)
+
+
+def test_spline_goes_through_its_values_and_reproduces_planes() -> None:
+    at = dome(25, 0)
+    values = np.random.default_rng(1).normal(size=(25, 2))
+    exact = kernel_matrix(at[:, :2], at[:, :2]) @ spline(at, values, 0.0)
+    np.testing.assert_allclose(exact, values, atol=1e-8)
+    plane = (1 + 2 * at[:, 0] - 3 * at[:, 1])[:, None]
+    elsewhere = dome(50, 2)[:, :2]
+    found = kernel_matrix(elsewhere, at[:, :2]) @ spline(at, plane, 10.0)
+    np.testing.assert_allclose(found[:, 0], 1 + 2 * elsewhere[:, 0] - 3 * elsewhere[:, 1], atol=1e-7)
+
+
+def test_spline_of_three_lights_on_a_line_stays_finite() -> None:
+    assert np.isfinite(spline(np.array([[0, 0], [0.1, 0], [0.2, 0.0]]), np.ones((3, 1)), 1e-2)).all()
+
+
+@pytest.mark.parametrize("domain", ["srgb", "linear", "gamma:2.2", "log:3.5"])
+def test_expand_inverts_compress_also_above_white(domain: str) -> None:
+    light = np.geomspace(1e-4, 20, 100)
+    np.testing.assert_allclose(expand(compress(light, domain), domain), light, rtol=1e-6)
+    assert compress(-1.0, domain) == 0
+    assert expand(-1.0, domain) == 0
+
+
+def test_file_round_trip(tmp_path: Path, material: Material) -> None:
+    write_material(tmp_path / "m.exr", material)
+    back = read_material(tmp_path / "m.exr")
+    lights = dome(9, 5)
+    np.testing.assert_allclose(models.relight(back, lights), models.relight(material, lights), atol=1e-6)
+    assert (
+        np.abs(models.relight(material, lights) - models.relight(replace(material, residual=None), lights)).max() > 0.05
+    )
+
+
+def test_a_missing_map_is_named(tmp_path: Path, material: Material) -> None:
+    channels = {name: plane for name, plane in material.channels.items() if name != "residual2.G"}
+    with pytest.raises(ValueError, match=r"residual2\.G"):
+        write_material(tmp_path / "m.exr", replace(material, channels=channels))
+
+
+def test_render_is_relight_at_the_measured_view(tmp_path: Path, material: Material, llvm: str) -> None:
+    """Up to the table of the spline: 128 steps for what relighting evaluates exactly."""
+    write_material(tmp_path / "m.exr", material)
+    bsdf, uv = load(tmp_path / "m.exr", filter="nearest"), centres(material.size)
+    view = np.tile([0.0, 0, 1], (len(uv), 1))
+    for light in dome(6, 8):
+        T = evaluate(bsdf, uv, view, np.tile(light, (len(uv), 1)))
+        expected = in_variant(models.relight(material, light[None])[0].reshape(-1, 3) / np.pi)
+        np.testing.assert_allclose(T, np.maximum(expected, 0), atol=2e-3)
+
+
+def test_it_fades_where_nothing_was_measured_and_is_never_negative(
+    tmp_path: Path, material: Material, llvm: str
+) -> None:
+    write_material(tmp_path / "m.exr", material)
+    write_material(tmp_path / "plain.exr", replace(material, residual=None))
+    uv = np.tile(centres(material.size), (20, 1))
+    whole, plain = (load(tmp_path / name, filter="nearest") for name in ("m.exr", "plain.exr"))
+    changes = []
+    for degrees in (0, 30, 60):
+        view = np.tile([np.sin(np.radians(degrees)), 0, np.cos(np.radians(degrees))], (len(uv), 1))
+        light = dome(len(uv), 4)
+        with_it, without = (evaluate(bsdf, uv, view, light) for bsdf in (whole, plain))
+        assert with_it.min() >= 0
+        changes.append(np.abs(with_it - without).mean())
+    assert changes[0] > 2 * changes[1] > 0
+    assert changes[2] < 0.15 * changes[0]  # what is left comes from lights near N, where reciprocity speaks
+
+
+def test_other_variants_take_it(tmp_path: Path, material: Material, variant_jit: str) -> None:
+    """Spectral variants show it; a mono one leaves it out, as its one band cannot follow three."""
+    write_material(tmp_path / "m.exr", material)
+    bsdf, uv = load(tmp_path / "m.exr"), centres(material.size)[:3]
+    view = np.tile([0.0, 0, 1], (3, 1))
+    if "spectral" in variant_jit:
+        import mitsuba as mi
+        from plugin_fabrics import interaction
+
+        si = interaction(uv, view)
+        si.wavelengths = [450.0, 550, 600, 700]
+        value = np.array(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(0.3, 0.1, 0.9)))
+    else:
+        value = evaluate(bsdf, uv, view, np.tile([0.3, 0.1, 0.9], (3, 1)))
+    assert np.isfinite(value).all()
+    assert value.min() >= 0
+    assert value.max() > 0

@@ -1,0 +1,20 @@
+"""Benchmarks: claims of speed and accuracy, measured on this machine; JSON out and a table."""
+
+import argparse
+import importlib
+
+NAMES = ("fit", "merge")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command; those of the benchmark follow its name."""
+    parser.add_argument("benchmark", choices=NAMES)
+    parser.epilog = "kinran bench NAME --help says what a benchmark takes."
+
+
+def main(args: argparse.Namespace) -> None:
+    """Run a benchmark."""
+    benchmark = importlib.import_module(f"kinran.bench.{args.benchmark}")
+    parser = argparse.ArgumentParser(prog=f"kinran bench {args.benchmark}", description=benchmark.__doc__)
+    benchmark.add_arguments(parser)
+    benchmark.main(parser.parse_args(args.rest))

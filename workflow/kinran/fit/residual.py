@@ -1,0 +1,224 @@
+"""Add a residual to a fitted material where cross-validation over lights says that it pays."""
+
+import argparse
+import resource
+import sys
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinran import metrics
+from kinran.files import read_json, write_json
+from kinran.fit import samples, slope
+from kinran.fit.predict import predict
+from kinran.labels import read_labels
+from kinran.stack import Stack
+from kinran_bsdf.material import Material, read_material, write_material
+from kinran_bsdf.models import relight
+from kinran_bsdf.residual import Residual, compress, kernel_matrix, spline
+
+Array = NDArray[np.float64]
+Values = NDArray[np.float32]
+
+FOLDS, FEW_FOLDS, MANY_LIGHTS = 10, 4, 256
+SAMPLE = 2048
+"""Texels that the choice is made on."""
+LEAST_GAIN_DB = 0.3
+"""What a residual has to gain in cross-validation to be worth its bytes."""
+COMPONENTS = (4, 9, 16)
+SMOOTHING = (1e-3, 1e-2, 1e-1)
+SHARES = (1.0, 0.5, 0.0)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What cross-validation chose: 0 components are the lobes alone."""
+
+    share: float
+    components: int
+    smoothing: float
+    psnr: float
+    lobes_psnr: float
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the stage."""
+    parser.add_argument("--stack", type=Path, required=True, help="radiance stack (.zarr)")
+    parser.add_argument("--labels", type=Path, required=True, help="label map (.exr)")
+    parser.add_argument("--prior", type=Path, required=True, help="priors of the regions (.json)")
+    parser.add_argument("--material", type=Path, required=True, help="slope material (.exr)")
+    parser.add_argument("--fitted", type=Path, required=True, help="summary of its fit (.json)")
+    parser.add_argument("--summary", type=Path, required=True, help="choice and cost (.json)")
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("out", type=Path, help="material with the residual (.exr)")
+
+
+def main(args: argparse.Namespace) -> None:
+    """Choose on a sample of texels, then make the maps tile by tile."""
+    start = time.process_time()
+    stack = Stack.open(args.stack)
+    material = read_material(args.material)
+    lights = samples.training_directions(stack)
+    domain = stack.encoding or f"log:{_peak(stack):.6g}"
+    choice = choose(stack, read_labels(args.labels), args.prior, domain, args.threads)
+    summary = read_json(args.fitted)
+    if choice.components:
+        basis, weights = _components(stack, material, lights, domain, choice)
+        maps = _maps(stack, material, lights, domain, choice.share, basis)
+        channels = dict(material.channels)
+        for k, plane in enumerate(maps):
+            channels.update({f"residual{k}.{c}": np.ascontiguousarray(plane[..., i]) for i, c in enumerate("RGB")})
+        residual = Residual(domain, choice.share, lights[:, :2], weights)
+        material = replace(material, channels=channels, residual=residual)
+    write_material(args.out, material)
+    seconds = summary["cpu_seconds"] + time.process_time() - start
+    texels = summary["texels"]
+    write_json(
+        args.summary,
+        {
+            **summary,
+            "model": "slope with residual" if choice.components else "slope (a residual does not pay)",
+            "cpu_seconds": round(seconds, 3),
+            "microseconds_per_texel": round(1e6 * seconds / texels, 2),
+            "peak_mb": round(max(summary["peak_mb"], resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)),
+            "bytes_per_texel": summary["bytes_per_texel"] + (6 * (choice.components + 1) if choice.components else 0),
+            "residual": {
+                "share_of_lobes": choice.share,
+                "components": choice.components,
+                "smoothing": choice.smoothing,
+                "cross_validated_psnr": round(choice.psnr, 3),
+                "of_the_lobes_alone": round(choice.lobes_psnr, 3),
+            },
+        },
+    )
+    print(
+        f"residual: {choice.components} components, share {choice.share:g}, cross-validated {choice.psnr:.2f} dB"
+        f" (lobes alone {choice.lobes_psnr:.2f} dB)",
+        file=sys.stderr,
+    )
+
+
+def _peak(stack: Stack) -> float:
+    """99.9th percentile of the training radiance, of a sample of tiles."""
+    boxes = stack.tiles()
+    return max(float(np.percentile(samples.read(stack, box).T, 99.9)) for box in boxes[:: max(1, len(boxes) // 16)])
+
+
+def choose(stack: Stack, labels: NDArray[np.intp], prior: Path, domain: str, threads: int) -> Choice:
+    """Share, components and smoothing with the best mean PSNR over lights left out, fold by fold.
+
+    Only training lights take part; the lobes are fitted anew in each fold.
+    """
+    T, W, region = _sample(stack, labels)
+    lights = samples.training_directions(stack)
+    priors = [slope.Prior(np.array(row["centre"]), row["variance"]) for row in read_json(prior)]
+    shown = compress(T, domain).transpose(2, 0, 1).reshape(len(lights), -1)
+    usable = np.repeat((W > 0).T, 3, axis=1).astype(np.float32)
+    fold = np.random.default_rng(0).permutation(len(lights)) % (FOLDS if len(lights) <= MANY_LIGHTS else FEW_FOLDS)
+    scores: dict[tuple[float, int, float], list[float]] = {}
+    for k in range(fold.max() + 1):
+        train, test = fold != k, fold == k
+        fitted = slope.fit(
+            np.ascontiguousarray(T[..., train]),
+            np.ascontiguousarray(W[:, train]),
+            lights[train],
+            priors=priors,
+            region=region,
+            threads=threads,
+        )
+        lobes = compress(predict(fitted, lights), domain).transpose(2, 0, 1).reshape(len(lights), -1)
+        for key, predicted in _candidates(shown, lobes, lights, domain, train, test):
+            errors = [_psnr(p, g, u) for p, g, u in zip(predicted, shown[test], usable[test], strict=True)]
+            scores.setdefault(key, []).extend(errors)
+    means = {key: float(np.mean(values)) for key, values in scores.items()}
+    alone = means[(1.0, 0, 0.0)]
+    best = max(means, key=lambda key: means[key])
+    if means[best] < alone + LEAST_GAIN_DB:
+        best = (1.0, 0, 0.0)
+    return Choice(*best, psnr=means[best], lobes_psnr=alone)
+
+
+def _sample(stack: Stack, labels: NDArray[np.intp]) -> tuple[Values, Values, NDArray[np.intp]]:
+    flat = np.zeros(labels.size, np.intp)
+    flat[np.linspace(0, labels.size - 1, min(SAMPLE, labels.size)).astype(int)] = 1
+    chosen = flat.reshape(labels.shape)
+    T, W, region = [], [], []
+    for tile in samples.iterate(stack, stack.tiles()):
+        inside = samples.cut(chosen, tile.box) > 0
+        T.append(tile.T[inside])
+        W.append(tile.W[inside])
+        region.append(samples.cut(labels, tile.box)[inside])
+    return np.concatenate(T), np.concatenate(W), np.concatenate(region)
+
+
+def _candidates(
+    shown: Values, lobes: Values, lights: Array, domain: str, train: NDArray[np.bool_], test: NDArray[np.bool_]
+) -> "list[tuple[tuple[float, int, float], Values]]":
+    """Predictions (test light, value) of the lobes alone and of every kind of residual."""
+    results: list[tuple[tuple[float, int, float], Values]] = [((1.0, 0, 0.0), lobes[test])]
+    for share in SHARES:
+        left = remainder(shown[train], lobes[train], domain, share)
+        mean = left.mean(0)
+        basis = principal(left - mean, max(COMPONENTS))
+        components = basis.T @ (left - mean)
+        for smoothing in SMOOTHING:
+            factors = kernel_matrix(lights[test, :2], lights[train, :2]) @ spline(lights[train], basis, smoothing)
+            for count in COMPONENTS:
+                if count < train.sum():
+                    predicted = share * lobes[test] + mean + factors[:, :count] @ components[:count]
+                    results.append(((share, count, smoothing), predicted.astype(np.float32)))
+    return results
+
+
+def remainder(shown: Values, lobes: Values, domain: str, share: float) -> Values:
+    """What the lobes leave; nothing where a photograph is saturated and the lobes are over it."""
+    left = shown - np.float32(share) * lobes
+    photograph = not domain.startswith("log:")
+    return np.where((shown >= 1) & (left < 0), 0, left) if share == 1 and photograph else left
+
+
+def principal(left: Values, count: int) -> Array:
+    """Orthonormal factors (light, ≤ count) of the first principal components over lights."""
+    values, vectors = np.linalg.eigh((left @ left.T).astype(float))
+    return np.asarray(vectors[:, np.argsort(values)[::-1][:count]])
+
+
+def _psnr(predicted: Values, truth: Values, usable: Values) -> float:
+    return metrics.psnr(np.clip(predicted, 0, 1), np.clip(truth, 0, 1), usable)
+
+
+def _tile(stack: Stack, material: Material, lights: Array, domain: str, share: float, box: samples.Box) -> Values:
+    """Remainder (light, texel · 3) of one tile."""
+    tile = samples.read(stack, box)
+    y0, y1, x0, x1 = box
+    lobes = relight(material.part(slice(y0, y1), slice(x0, x1)), lights)
+    shown = compress(np.nan_to_num(tile.T), domain).transpose(2, 0, 1).reshape(len(lights), -1)
+    return remainder(shown, compress(lobes.reshape(len(lights), -1), domain), domain, share)
+
+
+def _components(stack: Stack, material: Material, lights: Array, domain: str, choice: Choice) -> tuple[Array, Array]:
+    """Factors (light, count) of the components and their spline, from the Gram matrix of all tiles."""
+    gram = np.zeros((len(lights), len(lights)))
+    for box in stack.tiles():
+        left = _tile(stack, material, lights, domain, choice.share, box)
+        left = left - left.mean(0)
+        gram += left @ left.T
+    values, vectors = np.linalg.eigh(gram)
+    basis = vectors[:, np.argsort(values)[::-1][: choice.components]]
+    return basis, spline(lights, basis, choice.smoothing)
+
+
+def _maps(stack: Stack, material: Material, lights: Array, domain: str, share: float, basis: Array) -> Values:
+    """Mean and components (count + 1, y, x, 3)."""
+    maps = np.zeros((basis.shape[1] + 1, stack.height, stack.width, 3), np.float32)
+    for y0, y1, x0, x1 in stack.tiles():
+        left = _tile(stack, material, lights, domain, share, (y0, y1, x0, x1))
+        mean = left.mean(0)
+        shape = (y1 - y0, x1 - x0, 3)
+        maps[0, y0:y1, x0:x1] = mean.reshape(shape)
+        maps[1:, y0:y1, x0:x1] = (basis.T @ (left - mean)).reshape(-1, *shape)
+        print(f"residual: tile {y0},{x0}", file=sys.stderr, flush=True)
+    return maps
