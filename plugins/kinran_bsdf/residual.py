@@ -116,7 +116,10 @@ def spline(lights: ArrayLike, values: Array, smoothing: float) -> Array:
     system[n:, :n] = system[:n, n:].T
     right = np.zeros((n + 3, values.shape[1]))
     right[:n] = values
-    return np.asarray(np.linalg.lstsq(system, right, rcond=None)[0])
+    try:
+        return np.asarray(np.linalg.solve(system, right))
+    except np.linalg.LinAlgError:  # fewer than three lights, or all on a line
+        return np.asarray(np.linalg.lstsq(system, right, rcond=None)[0])
 
 
 def compress(light: Any, domain: str, *, xp: ModuleType = np) -> Any:

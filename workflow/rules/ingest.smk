@@ -13,7 +13,7 @@ rule ingest:
         code=digest("kinran.ingest"),
     shell:
         "python -m kinran ingest --folder {params.folder:q} --fabric {wildcards.fabric}"
-        " --encoding {params.encoding:q} --crop {params.crop:q} --holdout {params.holdout}"
+        " --encoding {params.encoding:q} --crop={params.crop:q} --holdout {params.holdout}"
         " {output:q} 2>&1 | tee {log}"
 
 

@@ -159,13 +159,15 @@ def _candidates(
 ) -> "list[tuple[tuple[float, int, float], Values]]":
     """Predictions (test light, value) of the lobes alone and of every kind of residual."""
     results: list[tuple[tuple[float, int, float], Values]] = [((1.0, 0, 0.0), lobes[test])]
+    kernels = kernel_matrix(lights[test, :2], lights[train, :2])
+    steps = {smoothing: kernels @ spline(lights[train], np.eye(train.sum()), smoothing) for smoothing in SMOOTHING}
     for share in SHARES:
         left = remainder(shown[train], lobes[train], domain, share)
         mean = left.mean(0)
         basis = principal(left - mean, max(COMPONENTS))
         components = basis.T @ (left - mean)
         for smoothing in SMOOTHING:
-            factors = kernel_matrix(lights[test, :2], lights[train, :2]) @ spline(lights[train], basis, smoothing)
+            factors = steps[smoothing] @ basis
             for count in COMPONENTS:
                 if count < train.sum():
                     predicted = share * lobes[test] + mean + factors[:, :count] @ components[:count]

@@ -1,0 +1,95 @@
+"""A folder of photographs, from `kinran rti` to `kinran relight`, as a user runs it."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from kinran import frames
+from kinran.encoding import parse
+from kinran.exr import read_exr
+from kinran.lights import Light, write_lp
+
+SIDE, LIGHTS = 28, 24
+
+
+def kinran(*arguments: str) -> str:
+    done = subprocess.run([sys.executable, "-m", "kinran", *arguments], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
+    return done.stdout
+
+
+def bowl(light: np.ndarray) -> np.ndarray:
+    """A rough bowl, two colours wide, in sRGB: Oren-Nayar-like shading by hand, top row first."""
+    y, x = np.mgrid[1 : -1 : SIDE * 1j, -1 : 1 : SIDE * 1j]
+    normal = np.stack([-0.4 * x, -0.4 * y, np.ones_like(x)], -1)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    cosine = np.clip(normal @ light, 0, 1)
+    half = light + np.array([0.0, 0, 1])
+    half /= np.linalg.norm(half)
+    gloss = np.clip(normal @ half, 0, 1) ** 40
+    colour = np.where((x < 0)[..., None], [0.5, 0.1, 0.08], [0.1, 0.2, 0.4])
+    value = colour * cosine[..., None] ** 0.8 + 0.25 * (gloss * cosine)[..., None]
+    return np.round(parse("srgb").encode(value) * 255).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("photographs") / "My Set"
+    folder.mkdir()
+    k = np.arange(LIGHTS) + 0.5
+    directions = frames.direction(np.arccos(1 - 0.6 * k / LIGHTS), k * np.pi * (3 - 5**0.5))
+    lights = [Light(f"IMG {i:02d}", tuple(d), f"IMG {i:02d}.png") for i, d in enumerate(directions)]
+    for light in lights:
+        Image.fromarray(bowl(np.array(light.direction))).save(folder / light.file)
+    write_lp(folder / "lights.lp", lights)
+    out = tmp_path_factory.mktemp("results") / "Out.1"
+    kinran("rti", str(folder), "--out", str(out))
+    return out
+
+
+def photographs(out: Path) -> Path:
+    manifest = json.loads(next((out / ".kinran" / "captures").rglob("00.json")).read_text())
+    return Path(manifest["shots"][0]["frames"][0]["file"]).parent
+
+
+def test_contracts(out: Path) -> None:
+    for name in ("material.exr", "evaluation.json", "report.html", "render.png"):
+        assert (out / name).stat().st_size > 0
+    errors = json.loads((out / "evaluation.json").read_text())
+    assert errors["held_out"] == ["IMG 04", "IMG 12", "IMG 20"]
+    assert errors["methods"][errors["default"]]["psnr"] > 30
+    assert set(errors["methods"]["slope"]["lights"]) == set(errors["held_out"])
+
+
+def test_relight_is_upright_and_says_what_the_evaluation_says(out: Path, tmp_path: Path) -> None:
+    folder = photographs(out)
+    errors = json.loads((out / "evaluation.json").read_text())
+    text = kinran(
+        "relight", str(out / "material.exr"), "--lights", str(folder / "lights.lp"), "--out", str(tmp_path / "relit"),
+        "--against", str(folder),
+    )  # fmt: skip
+    scores = {line.rsplit(None, 2)[0]: float(line.split()[-2]) for line in text.splitlines()[:-1]}
+    assert len(scores) == LIGHTS
+    for name in errors["held_out"]:
+        assert scores[name] == pytest.approx(errors["methods"][errors["default"]]["lights"][name]["psnr"], abs=0.02)
+    channels = read_exr(tmp_path / "relit" / "IMG 04.exr")
+    assert set(channels) == {"R", "G", "B"}
+    image = np.stack([channels[c] for c in "RGB"], -1)
+    truth = parse("srgb").decode(np.asarray(Image.open(folder / "IMG 04.png")) / 255)
+    assert np.abs(image - truth).mean() < 0.03
+    assert np.abs(image[::-1] - truth).mean() > 2 * np.abs(image - truth).mean()
+
+
+def test_again_does_nothing_and_another_crop_starts_over(out: Path) -> None:
+    before = (out / "material.exr").stat().st_mtime_ns
+    folder = str(photographs(out))
+    kinran("rti", folder, "--out", str(out))
+    assert (out / "material.exr").stat().st_mtime_ns == before
+    kinran("rti", folder, "--out", str(out), "--crop", "2,3,20,18", "--holdout", "0")
+    assert read_exr(out / "material.exr")["label"].shape == (18, 20)
+    assert json.loads((out / "evaluation.json").read_text())["held_out"] == []
