@@ -31,17 +31,21 @@ CONFIG = {
 }
 
 
+def small_template() -> str:
+    """The project's scene with a picture small enough for a test."""
+    template = (ROOT / "scenes" / "drape.xml").read_text()
+    for name, value in {"width": "64", "height": "48", "spp": "2"}.items():
+        template = re.sub(rf'(<default name="{name}" value=)"[0-9]+"', rf'\1"{value}"', template)
+    return template
+
+
 class Project:
     """A working folder with a config and sheets of its own, run by the project's Snakefile."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         (folder / "config").mkdir(parents=True)
-        template = (ROOT / "scenes" / "drape.xml").read_text()
-        small = {"width": "64", "height": "48", "spp": "2"}
-        for name, value in small.items():
-            template = re.sub(rf'(<default name="{name}" value=)"[0-9]+"', rf'\1"{value}"', template)
-        (folder / "small.xml").write_text(template)
+        (folder / "small.xml").write_text(small_template())
         self.configure(lambda config: None)
         self.sheet("fabrics", "fabric\tsource\tencoding\tcrop\tregions", "tiny\trig\t\t\t2")
         self.sheet("recapture", "fabric\ttheta\tphi\trevision\treason")
