@@ -9,15 +9,23 @@ configfile: "config.yaml"
 include: "workflow/rules/common.smk"
 include: "workflow/rules/ingest.smk"
 include: "workflow/rules/radiance.smk"
+include: "workflow/rules/need.smk"
 include: "workflow/rules/fit.smk"
 include: "workflow/rules/scene.smk"
 include: "workflow/rules/report.smk"
+include: "workflow/rules/chart.smk"
 
 
 # without a rig, what was captured is plain input: nothing can overwrite it
 if config["rig"]["device"] != "none":
 
     include: "workflow/rules/capture.smk"
+
+
+# side views are registered only where there are some: `snakemake register`
+if "register" in config:
+
+    include: "workflow/rules/register.smk"
 
 
 rule all:

@@ -22,6 +22,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def fresh(module: str) -> str:
     code.digest.cache_clear()
+    code._read.cache_clear()
     return code.digest(module)
 
 

@@ -33,7 +33,7 @@ def choose(T: np.ndarray, lights: np.ndarray, folder: Path, monkeypatch: pytest.
     (folder / "prior.json").write_text(
         json.dumps([{"centre": p.centre.tolist(), "variance": p.variance} for p in priors])
     )
-    return residual.choose(stack, region.reshape(16, 16), folder / "prior.json", "srgb", 1)  # type: ignore[arg-type]
+    return residual.choose(stack, region.reshape(16, 16), folder / "prior.json", "srgb", ("ggx", 1), 1)  # type: ignore[arg-type]
 
 
 def lights_of_a_dome(n: int = 60) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 from kinran.files import sha256, write_json
 from kinran.plans import Plan, Shot
 from kinran.virtual.camera import SimulatedCamera
+from kinran.virtual.sensor import Sensor
 from kinran.virtual.weave import VirtualFabric
 
 EXPOSURES = (1 / 25, 1 / 100, 1 / 250, 1 / 1000, 1 / 4000)
@@ -38,17 +39,20 @@ def radiance(theta: float, phi: float, texels: int) -> np.ndarray:
     return (value[..., None] * np.array([1.0, 0.7, 0.4])).astype(np.float32)
 
 
-def shoot(folder: Path, plan: Plan, drop: tuple[str, ...] = ()) -> list[Path]:
-    """Photograph a plan; returns the manifests. Traced frames come from `radiance`."""
+def shoot(
+    folder: Path, plan: Plan, groups: tuple[str, ...] = (), sensor: Sensor | None = None, texels: int = 32
+) -> list[Path]:
+    """Photograph a plan, or some groups of it; returns the manifests. Traced frames come from `radiance`."""
     cache, rig = folder / "cache", Rig()
-    fabric = VirtualFabric(**SCENE)
-    camera = SimulatedCamera(rig, folder / "card", SCENE, cache)
+    fabric = VirtualFabric(**{**SCENE, "texels": texels})
+    camera = SimulatedCamera(rig, folder / "card", {**SCENE, "texels": texels}, cache)
+    camera._sensor = sensor or Sensor()
     manifests = []
     for group in plan.groups:
+        if groups and group.name not in groups:
+            continue
         shots = []
         for shot in group.shots:
-            if shot.shot in drop:
-                continue
             rig.pose = (1000 * shot.theta, 1000 * shot.phi, 0.0, 0.0)
             _put(cache, fabric, shot)
             camera.place("fabric" if shot.kind in ("light", "monitor") else shot.kind)

@@ -26,7 +26,7 @@ def test_unbiased_and_sigma_is_calibrated(decade: int) -> None:
     """
     rng = np.random.default_rng(decade)
     electrons = 10 ** rng.uniform(decade, min(decade + 1, 8.0), 100_000)
-    rate, sigma = estimate(expose(electrons, SECONDS, rng), BLACK, SECONDS, RESPONSE)
+    rate, sigma, _ = estimate(expose(electrons, SECONDS, rng), BLACK, SECONDS, RESPONSE)
     error = rate / GAIN - electrons
     spread = error.std() / np.sqrt(len(error))
     assert abs(error.mean()) < max(1e-3 * electrons.mean() if decade > 3 else 0.0, 4 * spread)
@@ -38,7 +38,7 @@ def test_as_good_as_the_noise_allows() -> None:
     rng = np.random.default_rng(1)
     for level in (3e3, 1e5, 1.2e6, 3e7):
         electrons = np.full(100_000, level)
-        rate, _ = estimate(expose(electrons, SECONDS, rng), BLACK, SECONDS, RESPONSE)
+        rate, _, _ = estimate(expose(electrons, SECONDS, rng), BLACK, SECONDS, RESPONSE)
         means = level * SECONDS * GAIN
         seen = means < RESPONSE.clip * 0.9
         information = (SECONDS**2 * GAIN**2 / (GAIN * means + RESPONSE.read**2))[seen].sum()
@@ -47,14 +47,14 @@ def test_as_good_as_the_noise_allows() -> None:
 
 def test_all_saturated_is_a_flagged_lower_bound() -> None:
     """Not averaged (which would be 160 times too low), but what the shortest exposure shows."""
-    rate, sigma = estimate(np.full((5, 4), CLIP, np.uint16), BLACK, SECONDS, RESPONSE)
+    rate, sigma, _ = estimate(np.full((5, 4), CLIP, np.uint16), BLACK, SECONDS, RESPONSE)
     np.testing.assert_allclose(rate, (CLIP - 256) / SECONDS[-1], rtol=1e-6)
     assert np.isinf(sigma).all()
 
 
 def test_darkness_keeps_its_negative_values() -> None:
     rng = np.random.default_rng(2)
-    rate, sigma = estimate(expose(np.zeros(50_000), SECONDS, rng), BLACK, SECONDS, RESPONSE)
+    rate, sigma, _ = estimate(expose(np.zeros(50_000), SECONDS, rng), BLACK, SECONDS, RESPONSE)
     assert (rate < 0).mean() == pytest.approx(0.5, abs=0.05)
     assert abs(rate.mean()) < 4 * rate.std() / np.sqrt(rate.size)
     assert np.isfinite(sigma).all()
@@ -75,13 +75,13 @@ def test_one_exposure_or_a_missing_one_is_enough() -> None:
     electrons = 10 ** rng.uniform(5, 6, 50_000)
     counts = expose(electrons, SECONDS, rng)
     for use in ([2], [0, 1, 3, 4]):
-        rate, sigma = estimate(counts[use], BLACK[use], SECONDS[use], RESPONSE)
+        rate, sigma, _ = estimate(counts[use], BLACK[use], SECONDS[use], RESPONSE)
         seen = np.isfinite(sigma)
         assert (rate / GAIN)[seen].sum() == pytest.approx(electrons[seen].sum(), rel=2e-3)
 
 
 def test_a_wrong_white_level_is_what_bends_highlights() -> None:
-    """Where the method fails: with saturation taken at 4095 instead of 3726, 3 % are lost at the worst level.
+    """Where the method fails: with saturation taken at 4095 instead of 3726, 2.5 % are lost at the worst level.
 
     With the measured one no level is off by more than 0.2 %.
     """
@@ -90,20 +90,19 @@ def test_a_wrong_white_level_is_what_bends_highlights() -> None:
     counts = expose(levels, SECONDS, rng)
     worst = []
     for saturation in (4095 - 256, RESPONSE.saturation):
-        rate, _ = estimate(counts, BLACK, SECONDS, Response(saturation, GAIN, RESPONSE.read))
+        rate, _, _ = estimate(counts, BLACK, SECONDS, Response(saturation, GAIN, RESPONSE.read))
         bias = (rate / GAIN / levels).reshape(50, -1).mean(1) - 1
         worst.append(np.abs(bias).max())
-    assert worst[0] > 0.03
+    assert worst[0] > 0.025
     assert worst[1] < 0.002
 
 
 def test_the_ratio_of_two_exposures_is_unbiased() -> None:
     """≤ 0.05 % from 10⁵ sites by choosing on one green and measuring on the other."""
     rng = np.random.default_rng(6)
-    electrons = 10 ** rng.uniform(3, 8, (300, 400))
-    for longer, shorter in ((0, 1), (3, 4)):
-        times = SECONDS[[longer, shorter]]
-        counts = np.stack([expose(electrons, times, rng) for _ in range(2)], 1) - 256.0
-        top, bottom, sites = ratio_sums(*counts.astype(np.float32), RESPONSE.clip)
+    electrons = np.repeat(10 ** rng.uniform(3, 8, (1, 300, 400)), 4, 0)
+    planes, black = expose(electrons, SECONDS, rng), np.full((5, 4), 256.0)
+    for longer in range(4):
+        top, bottom, sites = ratio_sums(planes, black, longer, RESPONSE.clip).sum(0)
         assert sites > 20_000
-        assert top / bottom == pytest.approx(times[0] / times[1], rel=1e-3 if longer else 5e-4)
+        assert top / bottom == pytest.approx(SECONDS[longer] / SECONDS[longer + 1], rel=5e-4)

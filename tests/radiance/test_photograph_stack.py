@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from kinran import assemble, calibrate, colour_chart, ingest, merge
+from kinran import assemble, calibrate, colour_chart, ingest, merge_group
 from kinran.files import InputError, write_json
 from kinran.lights import Light, write_lp
 from kinran.plans import read_plan, write_plan
@@ -40,9 +40,9 @@ def run(folder: Path, encoding: str, crop: str = "", holdout: int = 4) -> Stack:
     manifest = folder / "captures/set/groups/00.json"
     write_json(manifest, ingest.manifest(plan, "00", folder))
     calibration, out = folder / "calibration.json", folder / "radiance.zarr"
-    calibrate.main(argparse.Namespace(plan=plan, manifests=[manifest, calibration]))
+    calibrate.main(argparse.Namespace(plan=plan, manifests=[manifest], out=calibration, chart_corners="", lamp=""))
     common = {"plan": plan, "calibration": calibration, "out": out}
-    merge.main(argparse.Namespace(manifest=manifest, receipt=folder / "00.json", **common))
+    merge_group.main(argparse.Namespace(manifest=manifest, receipt=folder / "00.json", **common))
     assemble.main(argparse.Namespace(manifests=[manifest], receipts=[folder / "00.json"], holdout=holdout, **common))
     return Stack.open(out)
 
@@ -88,8 +88,8 @@ def test_another_size_is_refused(folder: Path) -> None:
         out=folder / "radiance.zarr",
     )
     with pytest.raises(InputError, match=r"p07\.png: gives 21 × 12 texels"):
-        merge.main(arguments)
+        merge_group.main(arguments)
     (folder / "p07.png").write_bytes(b"")
     with pytest.raises(InputError, match=r"p07\.png"):
-        merge.main(arguments)
+        merge_group.main(arguments)
     assert read_plan(plan).encoding == "linear"

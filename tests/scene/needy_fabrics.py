@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from kinran.exr import write_exr
 from kinran.frames import direction
-from kinran.labels import Region, write_labels, write_regions
+from kinran.labels import Region, write_regions
 from kinran.stack import Light, write_metadata
 
 ORTHOGRAPHIC = """<sensor type="orthographic">
@@ -15,6 +16,13 @@ ORTHOGRAPHIC = """<sensor type="orthographic">
         <film type="hdrfilm"> <integer name="width" value="60"/> <integer name="height" value="60"/> </film>
     </sensor>"""
 """A pixel is a millimetre, and 60 × 60 mm about the middle of the panel are seen."""
+
+METER = """<sensor type="radiancemeter">
+        <transform name="to_world"> <lookat origin="0, 0, 100" target="0, 0, 0" up="0, 1, 0"/> </transform>
+        <film type="hdrfilm">
+            <integer name="width" value="1"/> <integer name="height" value="1"/> <rfilter type="box"/>
+        </film>
+    </sensor>"""
 
 POINT = """<emitter type="point" id="lamp"> <point name="position" x="{x}" y="{y}" z="{z}"/> </emitter>"""
 
@@ -54,8 +62,7 @@ def write_scene(path: Path, camera: str = ORTHOGRAPHIC, lights: str = "") -> Pat
 def write_fabric(folder: Path, labels: np.ndarray, texel_mm: float | None, theta_max: float = 80.0) -> dict[str, Path]:
     """Write label map, regions and a stack whose steepest light to fit is at `theta_max` (degrees)."""
     count = int(labels.max()) + 1
-    one = np.ones(labels.shape, np.float32)
-    write_labels(folder / "labels.exr", labels, one, labels, one)
+    write_exr(folder / "labels.exr", {"label": labels.astype(np.float32)})
     regions = [Region(k, f"r{k}", int((labels == k).sum()), (1.0, 1.0, 1.0), 1.0) for k in range(count)]
     write_regions(folder / "regions.json", regions)
     lights = [Light("up", (0.0, 0.0, 1.0))]

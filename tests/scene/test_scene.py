@@ -11,8 +11,9 @@ from scipy.spatial import cKDTree
 from kinran.exr import read_exr
 from kinran.files import InputError
 from kinran.mesh import prepare
+from kinran.placement import placement
 from kinran.scan import scan, write_scan
-from kinran.scene import assemble, placement
+from kinran.scene import assemble
 
 FRONTAL = """<scene version="3.9.1">
     <default name="mesh" value=""/> <default name="material" value=""/> <default name="wrap" value=""/>

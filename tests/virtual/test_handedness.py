@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kinran import assemble, calibrate, capture, merge
+from kinran import assemble, calibrate, capture, merge_group
 from kinran.plan import plan_grid
 from kinran.plans import write_plan
 from kinran.stack import Stack
@@ -33,9 +33,9 @@ def test_the_figure_lands_in_its_corner(tmp_path: Path, monkeypatch: pytest.Monk
         }
         capture.main(argparse.Namespace(**arguments, out=manifest))
     calibration, out = tmp_path / "calibration.json", tmp_path / "radiance.zarr"
-    calibrate.main(argparse.Namespace(plan=plan_path, manifests=[*manifests, calibration]))
+    calibrate.main(argparse.Namespace(plan=plan_path, manifests=manifests, out=calibration, chart_corners="", lamp=""))
     common = {"plan": plan_path, "calibration": calibration, "out": out}
-    merge.main(argparse.Namespace(manifest=manifests[0], receipt=None, **common))
+    merge_group.main(argparse.Namespace(manifest=manifests[0], receipt=None, **common))
     assemble.main(argparse.Namespace(manifests=manifests, receipts=[], holdout=4, **common))
 
     stack = Stack.open(out)

@@ -47,7 +47,7 @@ class Project:
         (folder / "config").mkdir(parents=True)
         (folder / "small.xml").write_text(small_template())
         self.configure(lambda config: None)
-        self.sheet("fabrics", "fabric\tsource\tencoding\tcrop\tregions", "tiny\trig\t\t\t2")
+        self.sheet("fabrics", "fabric\tsource\tencoding\tcrop\tregions\tseeds", "tiny\trig\t\t\t2\t")
         self.sheet("recapture", "fabric\ttheta\tphi\trevision\treason")
 
     def configure(self, change: Callable[[dict], object]) -> None:

@@ -15,8 +15,10 @@ from kinran.calibration import Calibration, read_calibration
 from kinran.files import InputError
 from kinran.lamp import lamp_gains, level
 from kinran.plans import Plan, PlanLight, read_plan
-from kinran.shots import Taken, merge_bracket, read_bracket, read_manifest
+from kinran.radiometry import to_radiance
+from kinran.shots import Taken, read_bracket, read_manifest
 from kinran.stack import DARK, NAMES, SATURATED, SHARD, Light, shard_path, write_metadata, write_shards
+from kinran.superpixels import merge_bracket
 
 Image = NDArray[np.float32]
 Flags = NDArray[np.uint8]
@@ -42,7 +44,7 @@ def main(args: argparse.Namespace) -> None:
             raise InputError(f"{receipt}: is missing; merge the group first")
     held = held_out(plan, args.holdout)
     camera = calibration.camera
-    if camera is not None:
+    if plan.kind == "grid":
         groups = [(path, read_manifest(path, plan)) for path in args.manifests]
         first, radiance, flags = last_shard(plan, calibration, groups)
         write_shards(args.out, first, radiance, flags)
@@ -64,11 +66,12 @@ def main(args: argparse.Namespace) -> None:
         calibration.height,
         calibration.width,
         plan.field_mm / calibration.width if plan.field_mm else None,
-        calibration.encoding,
+        calibration.encoding if camera is None else "",  # merged brackets are radiance
         calibration.crop,
         calibration.colour,
         calibration.to_acescg,
         calibration.noise(),
+        (0.0, 0.0, plan.camera_mm) if plan.camera_mm else None,
     )
     print(f"{len(lights)} lights, {len(held)} of them held out", file=sys.stderr)
 
@@ -129,8 +132,8 @@ def last_shard(
         gains = lamp_gains(shots, camera, {shot.shot: level(*merged[shot.shot]) for shot in monitors}, path)
         for shot in wanted:
             rate, flags = merged[shot.shot]
-            white = np.array(camera.white) * gains[shot.shot]
-            found[shot.light or 0].append(((rate / white).astype(np.float32), flags))
+            light = plan.lights[shot.light or 0]
+            found[light.index].append(to_radiance(rate, flags, camera, gains[shot.shot], light.theta, light.phi))
     for index, repeats in found.items():
         if not repeats:
             raise InputError(f"light '{plan.lights[index].name}' has no shot in the manifests; capture its group")

@@ -2,23 +2,34 @@
 
 Two passes over the counts of one sensor site, without a temporary picture. The first predicts the signal
 from the shortest exposure upwards; the second is the mean with weights from the *predicted* variance (a
-weight from the noisy value itself is biased in the dark), tapered to zero under saturation.
+weight from the noisy value itself is biased in the dark), tapered to zero under saturation. What is left of
+the counts then says whether the exposures agree.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+from typing import Any, NamedTuple
 
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
+from scipy.stats import chi2
 
 Image = NDArray[np.float32]
 Counts = NDArray[np.uint16]
+Array = NDArray[np.float64]
 
 TAPER = 0.92
 """From this share of saturation on an exposure loses its say, so that no step shows where it ends."""
 MARGIN = 0.99
 """Counts over this share of the measured saturation are saturated."""
 DARK_SIGMA = 3.0
+GUARD = 2
+"""Pixels around a saturated one of a photograph that do not tell the ratio of exposures."""
+CHANCE = 1e-7
+"""How seldom noise alone makes the exposures of a site disagree."""
 
 
 @dataclass(frozen=True)
@@ -45,10 +56,26 @@ class Response:
         return MARGIN * self.saturation
 
 
-def estimate(
-    counts: Counts, black: NDArray[np.float64], seconds: NDArray[np.float64], response: Response
-) -> tuple[Image, Image]:
-    """Merge one plane of a bracket.
+class Merged(NamedTuple):
+    """A merged bracket.
+
+    Attributes
+    ----------
+    rate : (...) float32
+        Counts a second. Where every exposure is saturated, what the shortest shows: a lower bound.
+    sigma : (...) float32
+        Its standard deviation; infinite where every exposure is saturated.
+    apart : (...) bool
+        Whether the exposures disagree by more than their noise: something had moved.
+    """
+
+    rate: Image
+    sigma: Image
+    apart: NDArray[np.bool_]
+
+
+def estimate(counts: Counts, black: Array, seconds: Array, response: Response) -> Merged:
+    """Merge a bracket.
 
     Parameters
     ----------
@@ -59,93 +86,157 @@ def estimate(
         True shutter times, in any order.
     response
         Of the sensor.
-
-    Returns
-    -------
-    rate : (...) float32
-        Counts a second. Where every exposure is saturated, what the shortest shows: a lower bound.
-    sigma : (...) float32
-        Its standard deviation; infinite where every exposure is saturated.
     """
     order = np.argsort(-seconds, kind="stable")
-    flat = np.ascontiguousarray(counts[order].reshape(len(seconds), -1))
-    rate, sigma = np.empty(flat.shape[1], np.float32), np.empty(flat.shape[1], np.float32)
-    _merge(
-        flat,
-        black[order].astype(np.float32),
-        seconds[order].astype(np.float32),
-        np.float32(response.clip),
-        np.float32(response.gain),
-        np.float32(response.read**2),
-        rate,
-        sigma,
-    )
-    return rate.reshape(counts.shape[1:]), sigma.reshape(counts.shape[1:])
+    planes = np.ascontiguousarray(counts[order]).reshape(len(seconds), 1, 1, -1)
+    merged = estimate_rows(planes, black[order, None], seconds[order, None], response, 0, 1)
+    shape = counts.shape[1:]
+    return Merged(merged.rate.reshape(shape), merged.sigma.reshape(shape), merged.apart.reshape(shape))
 
 
-@nb.njit(cache=True, error_model="numpy", fastmath={"nsz", "arcp", "contract", "reassoc"})  # type: ignore[untyped-decorator,unused-ignore]
-def _merge(
-    counts: Counts,
-    black: Image,
-    seconds: Image,
-    clip: np.float32,
-    gain: np.float32,
-    read: np.float32,
-    rate: Image,
-    sigma: Image,
-) -> None:
-    """`estimate` for flat counts, longest exposure first; `read` is a variance."""
-    n, zero, one, tiny = counts.shape[0], np.float32(0), np.float32(1), np.float32(1e-30)
-    width = np.float32(1) / (clip * np.float32(1 - TAPER))
-    for p in range(counts.shape[1]):
-        shortest = np.float32(counts[n - 1, p]) - black[n - 1]
-        unsaturated = one if shortest < clip else zero
-        signal, time = unsaturated * shortest, unsaturated * seconds[n - 1]
-        for i in range(n - 2, -1, -1):
-            y = np.float32(counts[i, p]) - black[i]
-            expected = max(signal, zero) / (time + tiny) * seconds[i]
-            weight = min(max((clip - max(expected, y)) * width, zero), one)
-            signal += weight * y
-            time += weight * seconds[i]
-        predicted = max(signal, zero) / (time + tiny)
-        top, bottom = zero, zero
-        for i in range(n):
-            y = np.float32(counts[i, p]) - black[i]
-            expected = predicted * seconds[i]
-            weight = unsaturated
-            if i < n - 1:
-                weight = min(max((clip - max(expected, y)) * width, zero), one)
-            information = weight * seconds[i] / (gain * expected + read)
-            top += information * y
-            bottom += information * seconds[i]
-        if bottom > zero:
-            rate[p] = top / bottom
-            sigma[p] = np.sqrt(one / bottom)
-        else:
-            rate[p] = shortest / seconds[n - 1]
-            sigma[p] = np.inf
-
-
-def ratio_sums(longer: Image, shorter: Image, clip: float) -> tuple[float, float, int]:
-    """Sums whose ratio is that of two exposures, unbiased: chosen on one green site, measured on the other.
+def estimate_rows(planes: Counts, black: Array, seconds: Array, response: Response, first: int, last: int) -> Merged:
+    """Merge rows `first` to `last` of all planes of a bracket, the longest exposure first.
 
     Parameters
     ----------
-    longer, shorter : (2, y, x) float32
-        Counts over black of both green sites.
+    planes : (exposure, plane, y, x) uint16
+    black : (exposure, plane) float
+    seconds : (exposure, y) float
+        True shutter times of each row.
+    response
+        Of the sensor.
+    first, last
+        Rows.
+
+    Returns
+    -------
+    Merged
+        Of shape (plane, last - first, x).
+    """
+    shape = (planes.shape[1], last - first, planes.shape[3])
+    merged = Merged(np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.bool_))
+    _kernel(len(planes))(
+        planes,
+        black.astype(np.float32),
+        seconds.astype(np.float32),
+        np.float32(response.clip),
+        np.float32(response.gain),
+        np.float32(response.read**2),
+        np.float32(chi2.isf(CHANCE, len(planes) - 1) if len(planes) > 1 else np.inf),
+        first,
+        *merged,
+    )
+    return merged
+
+
+@cache
+def _kernel(n: int) -> Callable[..., None]:
+    """`estimate_rows` for n exposures: the compiler unrolls a loop whose length it knows, and vectorises."""
+    last = n - 1
+
+    def merge(  # `read` is a variance
+        counts: Counts,
+        black: Image,
+        seconds: Image,
+        clip: np.float32,
+        gain: np.float32,
+        read: np.float32,
+        limit: np.float32,
+        start: int,
+        rate: Image,
+        sigma: Image,
+        apart: NDArray[np.bool_],
+    ) -> None:
+        zero, one, tiny = np.float32(0), np.float32(1), np.float32(1e-30)
+        width = one / (clip * np.float32(1 - TAPER))
+        knee = clip * np.float32((1 + TAPER) / 2)
+        for k in range(rate.shape[0]):
+            for row in range(rate.shape[1]):
+                y = start + row
+                for x in range(rate.shape[2]):
+                    shortest = np.float32(counts[last, k, y, x]) - black[last, k]
+                    unsaturated = one if shortest < clip else zero
+                    signal, time = unsaturated * shortest, unsaturated * seconds[last, y]
+                    for j in range(last):
+                        i = last - 1 - j
+                        value = np.float32(counts[i, k, y, x]) - black[i, k]
+                        below = (max(signal, zero) * seconds[i, y] < knee * time) & (value < knee)
+                        weight = one if below else zero
+                        signal += weight * value
+                        time += weight * seconds[i, y]
+                    predicted = max(signal, zero) / (time + tiny)
+                    top, bottom, apartness = zero, zero, zero
+                    for i in range(n):
+                        value = np.float32(counts[i, k, y, x]) - black[i, k]
+                        expected = predicted * seconds[i, y]
+                        weight = unsaturated
+                        if i < last:
+                            weight = min(max((clip - max(expected, value)) * width, zero), one)
+                        information = weight / (gain * expected + read)
+                        top += information * seconds[i, y] * value
+                        bottom += information * seconds[i, y] * seconds[i, y]
+                        apartness += information * (value - expected) * (value - expected)
+                    seen = bottom > zero
+                    inverse = one / (bottom + tiny)
+                    rate[k, row, x] = top * inverse if seen else shortest / seconds[last, y]
+                    sigma[k, row, x] = np.sqrt(inverse) if seen else np.float32(np.inf)
+                    apart[k, row, x] = apartness > limit
+
+    compiled: Any = nb.njit(cache=True, error_model="numpy", fastmath={"nsz", "arcp", "contract", "reassoc"})
+    return compiled(merge)  # type: ignore[no-any-return]
+
+
+def ratio_sums(planes: Counts, black: Array, longer: int, clip: float) -> Array:
+    """Sums whose ratio is that of neighbouring exposures, unbiased: chosen on one green site, measured on the other.
+
+    Parameters
+    ----------
+    planes : (exposure, plane, y, x) uint16
+        Longest exposure first; four planes of a Bayer sensor, or three of photographs, whose green chooses itself.
+    black : (exposure, plane) float
+    longer
+        The exposure that is compared with the next shorter one.
     clip
         Counts over black of saturation.
 
     Returns
     -------
-    longer_sum, shorter_sum : float
-        Counts of the sites that are well lit in the longer exposure.
-    sites : int
-        How many they are.
+    (y, 3) float
+        For each row the counts of the sites that are well lit in the longer exposure, the counts of the same
+        sites in the shorter one, and how many they are.
     """
-    sums, sites = np.zeros(2), 0
-    for chosen, measured in ((0, 1), (1, 0)):
-        use = (longer[chosen] > 0.05 * clip) & (longer[chosen] < 0.8 * clip) & (longer[measured] < 0.97 * clip)
-        sums += longer[measured][use].sum(dtype=float), shorter[measured][use].sum(dtype=float)
-        sites += int(use.sum())
-    return float(sums[0]), float(sums[1]), sites
+    sums = np.zeros((planes.shape[2], 3))
+    bayer = planes.shape[1] == 4
+    for chosen, measured in ((1, 2), (2, 1)) if bayer else ((1, 1),):
+        a, b = black[longer, [chosen, measured]]
+        levels = np.array([a + 0.05 * clip, a + 0.8 * clip, b + 0.97 * clip, b, black[longer + 1, measured]])
+        choosing = planes[longer, chosen] if bayer else guarded(planes[longer, chosen], levels[2])
+        _ratio_sums(
+            choosing,
+            planes[longer, measured],
+            planes[longer + 1, measured],
+            levels.astype(np.float32),
+            sums,
+        )
+    return sums
+
+
+def guarded(counts: Counts, full: float) -> Counts:
+    """Counts (y, x) without those beside saturated ones, which a photograph mixes when it is demosaiced or scaled."""
+    return np.where(maximum_filter(counts, 2 * GUARD + 1) < full, counts, np.uint16(0))
+
+
+@nb.njit(cache=True, fastmath={"reassoc"})  # type: ignore[untyped-decorator,unused-ignore]
+def _ratio_sums(chosen: Counts, longer: Counts, shorter: Counts, levels: Image, sums: Array) -> None:
+    low, high, full, black, black_shorter = levels
+    for y in range(chosen.shape[0]):
+        top, bottom, sites = 0.0, 0.0, 0
+        for x in range(chosen.shape[1]):
+            value, other = np.float32(chosen[y, x]), np.float32(longer[y, x])
+            if low < value < high and other < full:
+                top += other - black
+                bottom += np.float32(shorter[y, x]) - black_shorter
+                sites += 1
+        sums[y, 0] += top
+        sums[y, 1] += bottom
+        sums[y, 2] += sites

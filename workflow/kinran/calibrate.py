@@ -9,21 +9,27 @@ import argparse
 import math
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran import colour_chart
+from kinran import chart_place, colour_chart
 from kinran.bracket import Response
 from kinran.calibration import Calibration, Camera, write_calibration
-from kinran.encoding import parse
+from kinran.encoding import Encoding, parse
 from kinran.files import InputError
+from kinran.flat import Flat, fit_flat
 from kinran.frames import direction
+from kinran.glare import estimate_glare
 from kinran.lamp import irradiance, level
 from kinran.photographs import parse_crop
 from kinran.photographs import read as read_photograph
 from kinran.plans import Plan, read_plan
+from kinran.radiometry import to_radiance
+from kinran.raw import camera_matrix, is_raw
+from kinran.response import Curve
 from kinran.sensor import (
     MOST_BAD,
     dead_sites,
@@ -32,31 +38,42 @@ from kinran.sensor import (
     measure_saturation,
     photon_transfer,
 )
-from kinran.shots import Bracket, Taken, merge_bracket, read_bracket, read_manifest, site_black
+from kinran.shots import FULL, Bracket, Taken, read_bracket, read_manifest, site_black
 from kinran.stack import HOT, SATURATED
+from kinran.superpixels import merge_bracket
+from kinran.uncalibrated import decoder_of, describe
 
 Array = NDArray[np.float64]
 
 MOST_DELTA_E = 6.0
+MOST_BRACKETS = 8
+LEAST_PATCHES = 15
+ROOT_GAIN = 0.9
+"""Root polynomials are taken where their leave-one-out error is under this share of the matrix's."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the stage."""
     parser.add_argument("--plan", type=Path, required=True, help="plan of the capture")
-    help_ = "manifests of the calibration and of other groups, then the calibration to write (.json)"
-    # OUT comes last, as in every stage, where argparse takes it for one more manifest
+    help_ = "manifests of the calibration and of other groups"
     parser.add_argument("--manifests", type=Path, nargs="+", required=True, metavar="MANIFEST", help=help_)
+    help_ = "x,y of the chart's corners from the top left, dark skin's first, then around; without it, it is found"
+    parser.add_argument("--chart-corners", default="", metavar="X,Y,X,Y,X,Y,X,Y", help=help_)
+    help_ = "whose spectrum lights the chart: xenon, D50, D65, A, …; without it, the chart's published colours"
+    parser.add_argument("--lamp", default="", help=help_)
+    parser.add_argument("out", type=Path, metavar="OUT", help="calibration to write (.json)")
 
 
 def main(args: argparse.Namespace) -> None:
     """Write the calibration."""
-    *manifests, out = args.manifests
-    if not manifests:
-        raise InputError(f"{out}: is the only file given; give manifests, then the calibration to write")
     plan = read_plan(args.plan)
-    shots = [shot for path in manifests for shot in read_manifest(path, plan)]
-    calibration = calibrate_photographs(plan, shots) if plan.encoding else calibrate(plan, shots)
-    write_calibration(out, calibration)
+    shots = [shot for path in args.manifests for shot in read_manifest(path, plan)]
+    if plan.kind == "list":
+        single = len(plan.exposures_s) == 1
+        calibration = calibrate_photographs(plan, shots) if single else calibrate_brackets(plan, shots)
+    else:
+        calibration = calibrate(plan, shots, args.chart_corners, args.lamp)
+    write_calibration(args.out, calibration)
     print(_summary(calibration), file=sys.stderr)
 
 
@@ -77,51 +94,93 @@ def calibrate_photographs(plan: Plan, shots: Sequence[Taken]) -> Calibration:
     return Calibration(plan.fabric, plan.sha256, height, width, encoding, plan.crop, None, name, matrix, ())
 
 
-def calibrate(plan: Plan, shots: Sequence[Taken]) -> Calibration:
+def calibrate_brackets(plan: Plan, shots: Sequence[Taken]) -> Calibration:
+    """Calibration of brackets without calibration shots, by what up to eight of them say of their camera.
+
+    1 in the stack is white at the longest exposure. Photographs whose bracket contradicts their encoding get what
+    the bracket says; RAW frames the colours that their camera's maker states, under daylight.
+
+    Raises
+    ------
+    InputError
+        A frame cannot be read, or an exposure is not the one that its name says.
+    """
+    if not shots or not shots[0].frames:
+        raise InputError(f"plan of {plan.fabric}: no photograph is listed; ingest the folder again")
+    full = [shot for shot in shots if len(shot.frames) == len(plan.exposures_s)]
+    if not full:
+        raise InputError(f"plan of {plan.fabric}: no bracket has all {len(plan.exposures_s)} exposures; add the frames")
+    some = [full[k] for k in np.linspace(0, len(full) - 1, min(MOST_BRACKETS, len(full))).round().astype(int)]
+    first = some[len(some) // 2].frames
+    raw = is_raw(first[0].path)
+    crop, encoding = parse_crop(plan.crop), "linear" if raw else plan.encoding or "srgb"
+    decoder: Encoding | Curve = parse(encoding)
+    if not raw:
+        paths, seconds = [frame.path for frame in first], [frame.nominal_s for frame in first]
+        encoding, decoder = decoder_of(encoding, paths, seconds, crop, doubted=True)
+    camera = describe([read_bracket(shot, decoder, crop) for shot in some])
+    matrix, balance, name = np.eye(3), np.ones(3), "linear Rec. 709"
+    if raw:
+        balance, matrix = camera_matrix(first[0].path)
+        name = "camera RGB, balanced for daylight"
+    unit = (camera.response.saturation if raw else FULL) / camera.exposures[0].seconds
+    r, g, b = (float(unit * part) for part in balance)
+    height, width = read_bracket(replace(some[0], frames=some[0].frames[:1]), decoder, crop).planes.shape[2:]
+    return Calibration(
+        plan.fabric,
+        plan.sha256,
+        height,
+        width,
+        encoding,
+        plan.crop,
+        replace(camera, white=(r, g, b)),
+        name,
+        _rows(colour_chart.REC709_TO_ACESCG @ matrix),
+        (),
+        curve=decoder.light if isinstance(decoder, Curve) else (),
+    )
+
+
+def calibrate(plan: Plan, shots: Sequence[Taken], corners: str = "", lamp: str = "") -> Calibration:
     """Calibration of a RAW camera.
+
+    Parameters
+    ----------
+    plan, shots
+        Of the capture; a dark, a chart and at least one white shot among them.
+    corners
+        Of the chart, as `parse_corners` takes them; empty to find it.
+    lamp
+        Whose spectrum falls on the chart, as `references` takes it; empty for the published colours.
 
     Raises
     ------
     InputError
         A shot is missing, a frame cannot be read, or a value is not plausible.
     """
-    dark, white, colours = (read_bracket(_only(shots, kind)) for kind in ("dark", "white", "chart"))
+    dark, colours = (read_bracket(_only(shots, kind)) for kind in ("dark", "chart"))
+    whites = [read_bracket(shot) for shot in shots if shot.kind == "white"]
+    whites.sort(key=lambda white: _pose(plan, white)[0])
+    if not whites or _pose(plan, whites[0])[0] > 0:
+        raise InputError("the manifests list no white plate at θ = 0; capture the group `calibration`")
     monitors = [read_bracket(shot) for shot in shots if shot.kind == "monitor"]
-    lit = [white, colours, *monitors]
-    for bracket in (white, colours, *monitors):
+    lit = [*whites, colours, *monitors]
+    for bracket in lit:
         if bracket.planes.shape != dark.planes.shape or not np.array_equal(bracket.nominal_s, dark.nominal_s):
             raise InputError(
                 f"shot '{bracket.shot.shot}': its size or its exposures are not those of the dark shot; shoot it again"
             )
-    black, read, hot = measure_dark(dark)
-    saturation = measure_saturation(white, black)
-    gain = photon_transfer(white, site_black(white, black, dark.masked), saturation, read)
-    response = Response(saturation, gain, read)
-    exposures = measure_exposures(lit, [site_black(b, black, dark.masked) for b in lit], response)
-    bad = hot | dead_sites(white, site_black(white, black, dark.masked), saturation)
-    if bad.mean() > MOST_BAD:
-        raise InputError(
-            f"shot '{dark.shot.shot}': {bad.mean():.1%} of the sensor's sites are hot or dead; cover the lens"
-            " and shoot it again"
-        )
-    sites = tuple((int(k), int(y), int(x)) for k, y, x in np.argwhere(bad))
-    camera = Camera(black, dark.masked, response, exposures, sites, (1.0, 1.0, 1.0), None, None)
-    rate, flags = merge_bracket(white, camera)
-    rates = _plate(rate, flags, white.shot.shot)
+    camera = _measure_camera(dark, whites[0], lit)
+    flats, white = zip(*(_plate(plan, bracket, camera) for bracket in whites), strict=True)
+    camera = replace(camera, flats=flats, white=white[0], photodiode=whites[0].shot.photodiode)
     height, width = dark.planes.shape[2:]
-    seen, seen_flags = merge_bracket(colours, camera)
-    seen /= _falloff(plan, colours.shot.shot, height, width)
-    matrix, errors = fit_colours(seen, seen_flags, np.array(rates), colours.shot.shot)
-    camera = Camera(
-        black,
-        dark.masked,
-        response,
-        exposures,
-        sites,
-        rates,
-        white.shot.photodiode,
-        _monitor(monitors, white, camera),
-    )
+    rate, flags = merge_bracket(colours, camera)
+    pose = _pose(plan, colours)
+    seen, seen_flags = to_radiance(rate, flags, camera, 1.0, *pose)
+    seen /= _falloff(plan, *pose, height, width)
+    chart = fit_colours(seen, seen_flags, colours.shot.shot, corners, lamp)
+    camera = replace(camera, glare=chart.glare)
+    camera = replace(camera, monitor=_monitor(monitors, whites[0], camera))
     return Calibration(
         plan.fabric,
         plan.sha256,
@@ -131,41 +190,121 @@ def calibrate(plan: Plan, shots: Sequence[Taken]) -> Calibration:
         "",
         camera,
         "camera RGB, white balanced",
-        _rows(matrix),
-        errors,
+        _rows(chart.matrix),
+        chart.delta_e,
+        chart.patches,
+        chart.root_polynomial,
     )
 
 
+def _measure_camera(dark: Bracket, white: Bracket, lit: Sequence[Bracket]) -> Camera:
+    """Darkness, saturation, noise, shutter times and bad sites."""
+    black, read, hot = measure_dark(dark)
+    saturation = measure_saturation(white, black)
+    gain, prnu = photon_transfer(white, site_black(white, black, dark.masked), saturation, read)
+    response = Response(saturation, gain, read)
+    exposures = measure_exposures(lit, [site_black(b, black, dark.masked) for b in lit], response)
+    bad = hot | dead_sites(white, site_black(white, black, dark.masked), saturation)
+    if bad.mean() > MOST_BAD:
+        raise InputError(
+            f"shot '{dark.shot.shot}': {bad.mean():.1%} of the sensor's sites are hot or dead; cover the lens"
+            " and shoot it again"
+        )
+    sites = tuple((int(k), int(y), int(x)) for k, y, x in np.argwhere(bad))
+    return Camera(black, dark.masked, response, exposures, sites, (1.0, 1.0, 1.0), None, None, prnu=prnu)
+
+
+@dataclass(frozen=True)
+class Chart:
+    """What a colour chart says; attributes as of `Calibration`, and the glare of `Camera`."""
+
+    matrix: Array
+    delta_e: tuple[float, ...]
+    patches: tuple[int, ...]
+    root_polynomial: tuple[tuple[float, ...], ...] | None
+    glare: float
+
+
 def fit_colours(
-    rate: NDArray[np.float32], flags: NDArray[np.uint8], white: Array, shot: str
-) -> tuple[Array, tuple[float, ...]]:
-    """Matrix from white-balanced camera RGB to ACEScg, and ΔE00 of each patch, left out in turn.
+    picture: NDArray[np.float32], flags: NDArray[np.uint8], shot: str, corners: str = "", lamp: str = ""
+) -> Chart:
+    """Colours of a chart whose picture (y, x, 3) is white balanced.
 
     Raises
     ------
     InputError
-        Too few patches can be used, or their colours are not those of the chart.
+        The chart is not found, too few patches can be used, or their colours are not those of the chart.
     """
     usable = (flags & (SATURATED | HOT)).max(-1) == 0
-    colours, seen = colour_chart.patches((rate / white).astype(np.float32), usable)
-    if seen.sum() < 15:
+    reference = colour_chart.references(lamp)
+    colours, seen, error, place = find_chart(picture, usable, reference, corners)
+    if seen.sum() < LEAST_PATCHES:
         raise InputError(f"shot '{shot}': only {seen.sum()} of 24 patches can be used; shoot the chart again")
-    reference = colour_chart.references()[seen]
-    errors = colour_chart.leave_one_out(colours[seen], reference)
-    if errors.mean() > MOST_DELTA_E:
+    if error > MOST_DELTA_E:
         raise InputError(
-            f"shot '{shot}': its patches are ΔE00 {errors.mean():.1f} from the chart's; put it upright,"
-            " dark skin at the top left, so that it fills the picture"
+            f"shot '{shot}': its patches are ΔE00 {error:.1f} from the chart's; let the chart fill the picture, or give"
+            " its corners"
         )
-    return colour_chart.fit_matrix(colours[seen], reference), tuple(round(float(e), 4) for e in errors)
+    if place.mirrored:
+        raise InputError(f"shot '{shot}': its chart is mirrored; give pictures as the camera takes them")
+    greys = np.flatnonzero(seen)[np.flatnonzero(seen) >= colour_chart.GREYS.start]
+    glare = estimate_glare(colours[greys].mean(1), reference[greys].mean(1), float(picture.mean()))
+    colours = colours - glare / (1 + glare) * picture.mean((0, 1), dtype=float)
+    kept = np.flatnonzero(seen)[~colour_chart.outliers(colours[seen], reference[seen])]
+    linear, root = (colour_chart.leave_one_out(colours[kept], reference[kept], degree) for degree in (1, 2))
+    matrix = colour_chart.fit_matrix(colours[kept], reference[kept])
+    better = root.mean() < ROOT_GAIN * linear.mean()
+    polynomial = colour_chart.fit_matrix(colours[kept], reference[kept], 2).tolist() if better else None
+    return Chart(
+        matrix,
+        tuple(round(float(e), 4) for e in linear),
+        tuple(int(k) for k in kept),
+        polynomial and tuple(tuple(row) for row in polynomial),
+        glare,
+    )
 
 
-def _falloff(plan: Plan, name: str, height: int, width: int) -> NDArray[np.float32]:
-    """Irradiance (y, x, 1) of a calibration shot relative to the middle; 1 where the lamp is not known."""
-    shot = next(shot for group in plan.groups for shot in group.shots if shot.shot == name)
+def find_chart(
+    picture: NDArray[np.float32], usable: NDArray[np.bool_], reference: Array, corners: str
+) -> tuple[Array, NDArray[np.bool_], float, chart_place.Place]:
+    """Patches of a chart, which of them can be used, their median ΔE00, and the place: the way up that fits best.
+
+    By its corners; else as if it filled the picture; else where the detector sees it.
+    """
+    height, width = usable.shape
+    place = chart_place.parse_corners(corners, height) if corners else chart_place.whole(height, width)
+    best = _best_way_up(picture, usable, reference, place)
+    if best[2] >= MOST_DELTA_E and not corners:
+        seen = chart_place.find(picture)
+        if seen is not None:
+            best = min(best, _best_way_up(picture, usable, reference, seen), key=lambda found: found[2])
+    return best
+
+
+def _best_way_up(
+    picture: NDArray[np.float32], usable: NDArray[np.bool_], reference: Array, place: chart_place.Place
+) -> tuple[Array, NDArray[np.bool_], float, chart_place.Place]:
+    found = []
+    for quarters in range(4):
+        turned = place.turned(quarters)
+        colours, seen = chart_place.patches(picture, usable, turned)
+        enough = seen.sum() >= LEAST_PATCHES
+        errors = colour_chart.leave_one_out(colours[seen], reference[seen]) if enough else np.array([np.inf])
+        found.append((colours, seen, float(np.median(errors)), turned))
+    return min(found, key=lambda one: one[2])
+
+
+def _pose(plan: Plan, bracket: Bracket) -> tuple[float, float]:
+    """(θ, φ) in degrees of a shot."""
+    shot = next(shot for group in plan.groups for shot in group.shots if shot.shot == bracket.shot.shot)
+    return shot.theta, shot.phi
+
+
+def _falloff(plan: Plan, theta: float, phi: float, height: int, width: int) -> NDArray[np.float32]:
+    """Irradiance (y, x, 1) relative to the middle; 1 where the lamp's distance is not known."""
     if plan.lamp_mm is None or plan.field_mm is None:
         return np.ones((height, width, 1), np.float32)
-    x, y, z = plan.lamp_mm * direction(math.radians(shot.theta), math.radians(shot.phi))
+    x, y, z = plan.lamp_mm * direction(math.radians(theta), math.radians(phi))
     return irradiance((x, y, z), height, width, plan.field_mm)[..., None]
 
 
@@ -176,17 +315,26 @@ def _only(shots: Sequence[Taken], kind: str) -> Taken:
     return found[0]
 
 
-def _plate(rate: NDArray[np.float32], flags: NDArray[np.uint8], shot: str) -> tuple[float, float, float]:
-    """Mean counts a second over the middle half of the white plate."""
+def _plate(plan: Plan, bracket: Bracket, camera: Camera) -> tuple[Flat, tuple[float, float, float]]:
+    """Flat field of a white plate, and its counts a second without it, over the middle half."""
+    rate, flags = merge_bracket(bracket, camera)
     height, width = rate.shape[:2]
     middle = np.s_[height // 4 : height - height // 4, width // 4 : width - width // 4]
     good = (flags[middle] & (SATURATED | HOT)) == 0
     if good.mean() < 0.5:
-        raise InputError(f"shot '{shot}': the white plate is saturated at every exposure; add a shorter one")
-    r, g, b = (float(rate[middle][..., k][good[..., k]].mean(dtype=float)) for k in range(3))
+        raise InputError(
+            f"shot '{bracket.shot.shot}': the white plate is saturated at every exposure; add a shorter one"
+        )
+    pose = _pose(plan, bracket)
+    falloff = _falloff(plan, *pose, height, width)
+    flat = fit_flat(rate, flags, falloff, *pose)
+    even = rate / falloff / flat.values(height, width)
+    r, g, b = (float(even[middle][..., k][good[..., k]].mean(dtype=float)) for k in range(3))
     if min(r, g, b) <= 0 or max(r, g, b) > 20 * min(r, g, b):
-        raise InputError(f"shot '{shot}': the plate's R, G, B of {r:.3g}, {g:.3g}, {b:.3g} counts/s is not white")
-    return r, g, b
+        raise InputError(
+            f"shot '{bracket.shot.shot}': the plate's R, G, B of {r:.3g}, {g:.3g}, {b:.3g} counts/s is not white"
+        )
+    return flat, (r, g, b)
 
 
 def _monitor(monitors: Sequence[Bracket], white: Bracket, camera: Camera) -> float | None:
@@ -207,11 +355,17 @@ def _summary(calibration: Calibration) -> str:
     camera = calibration.camera
     if camera is None:
         return f"photographs of {calibration.width} × {calibration.height} texels, {calibration.encoding}"
+    if calibration.encoding:
+        times = ", ".join(f"{e.seconds:.6g}" for e in camera.exposures)
+        return f"brackets of {calibration.width} × {calibration.height} texels, {calibration.encoding}, of {times} s"
     response, errors = camera.response, calibration.delta_e
+    flat = camera.flats[0].values(32, 32)
     return (
         f"black {np.mean(camera.black):+.2f}, read noise {response.read:.2f},"
         f" saturation {response.saturation:.0f} counts, {1 / response.gain:.2f} electrons a count,"
         f" {len(camera.bad)} bad sites,"
         f" exposures {', '.join(f'1/{1 / e.seconds:.2f}' for e in camera.exposures)} s,"
-        f" chart ΔE00 {np.mean(errors):.2f} (most {max(errors):.2f})"
+        f" flat field {flat.min():.3f} to {flat.max():.3f}, glare {camera.glare:.2%},"
+        f" chart ΔE00 {np.mean(errors):.2f} (most {max(errors):.2f}) of {len(errors)} patches"
+        + (", root polynomial" if calibration.root_polynomial else "")
     )

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from kinran.bracket import Response
 from kinran.files import InputError, read_json, write_json
+from kinran.flat import Flat
 
-VERSION = 1
+VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -27,12 +28,15 @@ class Exposure:
         As measured, relative to the longest, which is at its third stop.
     sites
         Sensor sites that measured it; 0 where none could, and `seconds` follows `prior_s`.
+    curtain
+        Legendre coefficients of degree 1, 2, … of the exposure over the rows, from the bottom up; none if even.
     """
 
     nominal_s: float
     prior_s: float
     seconds: float
     sites: int
+    curtain: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -42,7 +46,7 @@ class Camera:
     Attributes
     ----------
     black : (4,)
-        Counts of darkness of R, G1, G2, B: relative to the mean under the mask if `masked`.
+        Counts of darkness of R, G1, G2, B: relative to the mean under the mask if `masked`. (3,) for photographs.
     masked
         Whether frames have a mask under which darkness is measured each time.
     response
@@ -57,9 +61,15 @@ class Camera:
         Its reading while the white plate was shot; None where the rig has none.
     monitor
         Counts a second that the fabric at θ = 0 gives (`level`) under the lamp that lit the white plate.
+    flats
+        Flat fields, one for each direction in which a white plate was shot.
+    glare
+        Share of a picture's mean light that is spread over it.
+    prnu
+        Relative standard deviation of the sites' responses.
     """
 
-    black: tuple[float, float, float, float]
+    black: tuple[float, ...]
     masked: bool
     response: Response
     exposures: tuple[Exposure, ...]
@@ -67,9 +77,12 @@ class Camera:
     white: tuple[float, float, float]
     photodiode: float | None
     monitor: float | None
+    flats: tuple[Flat, ...] = ()
+    glare: float = 0.0
+    prnu: float = 0.0
 
-    def seconds(self, nominal: float) -> float:
-        """True shutter time of a nominal one.
+    def exposure(self, nominal: float) -> Exposure:
+        """Calibration of a nominal shutter time.
 
         Raises
         ------
@@ -78,7 +91,7 @@ class Camera:
         """
         for exposure in self.exposures:
             if abs(exposure.nominal_s - nominal) < 1e-3 * nominal:
-                return exposure.seconds
+                return exposure
         known = ", ".join(f"{exposure.nominal_s:g}" for exposure in self.exposures)
         raise InputError(f"exposure {nominal:g} s was not calibrated ({known} s were); shoot the calibration with it")
 
@@ -103,6 +116,13 @@ class Calibration:
         Stack RGB (column) to linear ACEScg.
     delta_e
         ΔE00 of the chart's patches, each left out of the fit in turn; empty for photographs.
+    patches
+        Which of the 24 patches these are; the others were saturated, hidden or contradicted by the rest.
+    root_polynomial : (3, 6)
+        Where the chart says that it is better than the matrix: stack RGB with its roots to linear ACEScg, as
+        `colour_chart.apply` takes it. Else None.
+    curve
+        Linear light of the 256 codes of photographs whose response was recovered; else empty.
     """
 
     fabric: str
@@ -115,6 +135,9 @@ class Calibration:
     colour: str
     to_acescg: tuple[tuple[float, float, float], ...]
     delta_e: tuple[float, ...]
+    patches: tuple[int, ...] = ()
+    root_polynomial: tuple[tuple[float, ...], ...] | None = None
+    curve: tuple[float, ...] = ()
 
     @property
     def matrix(self) -> NDArray[np.float64]:
@@ -131,7 +154,10 @@ class Calibration:
             "counts_per_electron": camera.response.gain,
             "read_counts": camera.response.read,
             "saturation_counts": camera.response.saturation,
+            "relative_prnu": camera.prnu,
+            "planes": len(camera.black),
             "seconds": [exposure.seconds for exposure in camera.exposures],
+            "white": "longest exposure" if self.encoding else "diffuser",
             "white_counts_per_second": list(camera.white),
         }
 
@@ -156,10 +182,19 @@ def read_calibration(path: Path) -> Calibration:
         camera = value.pop("camera")
         if camera is not None:
             camera["response"] = Response(**camera["response"])
-            camera["exposures"] = tuple(Exposure(**exposure) for exposure in camera["exposures"])
+            camera["exposures"] = tuple(
+                Exposure(**{**exposure, "curtain": tuple(exposure["curtain"])}) for exposure in camera["exposures"]
+            )
             camera["bad"] = tuple((int(k), int(y), int(x)) for k, y, x in camera["bad"])
+            camera["flats"] = tuple(
+                Flat(flat["theta"], flat["phi"], tuple(tuple(part) for part in flat["coefficients"]))
+                for flat in camera["flats"]
+            )
             camera = Camera(**{**camera, "black": tuple(camera["black"]), "white": tuple(camera["white"])})
         matrix = tuple((float(a), float(b), float(c)) for a, b, c in value.pop("to_acescg"))
-        return Calibration(**{**value, "camera": camera, "to_acescg": matrix, "delta_e": tuple(value["delta_e"])})
+        root = value.pop("root_polynomial")
+        value["root_polynomial"] = root and tuple(tuple(float(term) for term in row) for row in root)
+        value |= {name: tuple(value[name]) for name in ("delta_e", "patches", "curve")}
+        return Calibration(**{**value, "camera": camera, "to_acescg": matrix})
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"{path}: is not a calibration ({error}); calibrate again") from None

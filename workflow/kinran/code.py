@@ -33,15 +33,21 @@ def digest(module: str) -> str:
         path = _file(name)
         if path is None or name in sources:
             continue
-        source = path.read_text(encoding="utf-8")
-        sources[name] = _tokens(source)
-        todo += _imports(ast.parse(source), name, path.name == "__init__.py")
+        sources[name], imports = _read(path, name)
+        todo += imports
     if module not in sources:
         raise ModuleNotFoundError(module)
     whole = hashlib.sha256()
     for name, tokens in sorted(sources.items()):
         whole.update(name.encode() + b"\0" + tokens + b"\0")
     return whole.hexdigest()[:12]
+
+
+@functools.cache
+def _read(path: Path, module: str) -> tuple[bytes, tuple[str, ...]]:
+    """Tokens of a module, and what it imports."""
+    source = path.read_text(encoding="utf-8")
+    return _tokens(source), tuple(_imports(ast.parse(source), module, path.name == "__init__.py"))
 
 
 def _file(module: str) -> Path | None:

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kinran.files import InputError
+
 Array = NDArray[np.float64]
 
 ROWS, COLUMNS = 4, 6
@@ -22,70 +24,105 @@ REC709_TO_ACESCG = np.array(
 """Linear Rec. 709 (D65) to ACEScg (AP1, ACES white), adapted by Bradford."""
 
 
-def references() -> Array:
+LAMPS = {"xenon": "Kinoton 75P"}
+GREYS = slice(18, 24)
+MOST_EXCLUDED = 3
+
+
+def references(lamp: str = "") -> Array:
     """(24, 3) linear ACEScg of the patches under a white of 1, row by row from dark skin.
-
-    CIE xyY of the ColorChecker after November 2014 under D50, adapted by Bradford.
-    """
-    colour = _colour()
-    chart = colour.CCS_COLOURCHECKERS["ColorChecker24 - After November 2014"]
-    xyz = colour.xyY_to_XYZ(np.array(list(chart.data.values())))
-    return np.asarray(colour.XYZ_to_RGB(xyz, "ACEScg", chart.illuminant, "Bradford"), float)
-
-
-def patches(image: NDArray[np.float32], usable: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-    """Mean colours of the patches of a chart that fills the picture, dark skin at the top left.
 
     Parameters
     ----------
-    image : (y, x, 3) float32
-        Row 0 is the bottom.
-    usable : (y, x) bool
+    lamp
+        Empty for the published colours (CIE xyY of the ColorChecker after November 2014 under D50, adapted by
+        Bradford); ``xenon``, or a light source of colour-science (``D65``, ``A``, …), for the patches' spectra under
+        the lamp's, relative to what a perfect white reflects.
 
-    Returns
-    -------
-    colours : (24, 3) float
-    seen : (24,) bool
-        Patches all of whose middle is usable.
+    Raises
+    ------
+    InputError
+        The lamp has no spectrum.
     """
-    height, width = usable.shape
-    row = (height - np.arange(height) - 0.5) / height * ROWS
-    column = (np.arange(width) + 0.5) / width * COLUMNS
-    colours, seen = np.zeros((ROWS * COLUMNS, 3)), np.zeros(ROWS * COLUMNS, bool)
-    for k in range(ROWS * COLUMNS):
-        r, c = divmod(k, COLUMNS)
-        rows = np.abs(row - r - 0.5) <= max(INSIDE / 2, 0.5 * ROWS / height)
-        columns = np.abs(column - c - 0.5) <= max(INSIDE / 2, 0.5 * COLUMNS / width)
-        box = np.ix_(rows, columns)
-        colours[k] = image[box].reshape(-1, 3).mean(0, dtype=float)
-        seen[k] = usable[box].all()
-    return colours, seen
+    colour = _colour()
+    if not lamp:
+        chart = colour.CCS_COLOURCHECKERS["ColorChecker24 - After November 2014"]
+        xyz = colour.xyY_to_XYZ(np.array(list(chart.data.values())))
+        return np.asarray(colour.XYZ_to_RGB(xyz, "ACEScg", chart.illuminant, "Bradford"), float)
+    name = LAMPS.get(lamp, lamp)
+    sources = {**dict(colour.SDS_ILLUMINANTS), **dict(colour.SDS_LIGHT_SOURCES)}
+    if name not in sources:
+        raise InputError(f"lamp '{lamp}': has no spectrum; give xenon, or an illuminant such as D50, D65 or A")
+    shape = colour.SpectralShape(400, 700, 10)
+    spectrum = sources[name].copy().align(shape)
+    cmfs = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy().align(shape)
+    patches = [sd.copy().align(shape).values for sd in colour.SDS_COLOURCHECKERS["BabelColor Average"].values()]
+    weights = cmfs.values * spectrum.values[:, None]
+    white = weights.sum(0) / weights[:, 1].sum()
+    xyz = np.array(patches) @ weights / weights[:, 1].sum()
+    return np.asarray(colour.XYZ_to_RGB(xyz, "ACEScg", colour.XYZ_to_xy(white), "Bradford"), float)
 
 
-def fit_matrix(camera: Array, reference: Array) -> Array:
-    """Matrix (3, 3) of least squares from camera RGB to reference RGB that keeps white, (1, 1, 1).
+def expand(rgb: Array, degree: int) -> Array:
+    """Terms (n, 3) of degree 1, or (n, 6) of degree 2: r, g, b, √(rg), √(gb), √(rb) (Finlayson 2015, Eq. 6).
+
+    All are of first order in the light, so that a colour does not depend on the exposure.
+    """
+    if degree == 1:
+        return np.asarray(rgb, float)
+    positive = np.maximum(rgb, 0)
+    roots = np.sqrt(positive * np.roll(positive, -1, -1))
+    return np.concatenate([rgb, roots], -1)
+
+
+def apply(matrix: Array, rgb: Array) -> Array:
+    """Reference colours (..., 3) of camera RGB by a matrix (3, 3) or (3, 6)."""
+    return expand(rgb, 1 if matrix.shape[1] == 3 else 2) @ matrix.T
+
+
+def fit_matrix(camera: Array, reference: Array, degree: int = 1) -> Array:
+    """Matrix (3, 3) or (3, 6) of least squares from camera RGB to reference RGB that keeps white, (1, 1, 1).
 
     Parameters
     ----------
     camera : (n, 3) float
         Colours relative to the white plate, on any common scale.
     reference : (n, 3) float
+    degree
+        2 for root polynomials.
     """
-    scaled = _scale(camera, reference) * camera
+    scaled = expand(_scale(camera, reference) * camera, degree)
     # rows sum to 1: fit what the differences to the third channel explain
-    A, B = scaled[:, :2] - scaled[:, 2:], reference - scaled[:, 2:]
-    two = np.linalg.lstsq(A, B, rcond=None)[0].T
-    return np.column_stack([two, 1 - two.sum(1)])
+    others = [k for k in range(scaled.shape[1]) if k != 2]
+    A, B = scaled[:, others] - scaled[:, [2]], reference - scaled[:, [2]]
+    solution = np.linalg.lstsq(A, B, rcond=None)[0].T
+    return np.insert(solution, 2, 1 - solution.sum(1), axis=1)
 
 
-def leave_one_out(camera: Array, reference: Array) -> Array:
+def leave_one_out(camera: Array, reference: Array, degree: int = 1) -> Array:
     """(n,) ΔE00 of each patch under the matrix that was fitted to the others."""
     predicted = np.empty_like(reference)
     for k in range(len(camera)):
         others = np.arange(len(camera)) != k
-        matrix = fit_matrix(camera[others], reference[others])
-        predicted[k] = _scale(camera, reference) * matrix @ camera[k]
+        matrix = fit_matrix(camera[others], reference[others], degree)
+        predicted[k] = apply(matrix, _scale(camera, reference) * camera[k])
     return delta_e(predicted, reference)
+
+
+def outliers(camera: Array, reference: Array) -> NDArray[np.bool_]:
+    """(n,) patches, three at most, that the others contradict: a highlight lies on them, or dirt.
+
+    One after the other, the worst of all: as long as it is over ΔE00 5 and over four times the median.
+    """
+    out = np.zeros(len(camera), bool)
+    for _ in range(MOST_EXCLUDED):
+        kept = np.flatnonzero(~out)
+        errors = leave_one_out(camera[kept], reference[kept])
+        worst = int(np.argmax(errors))
+        if errors[worst] < max(5.0, 4 * float(np.median(errors))):
+            break
+        out[kept[worst]] = True
+    return out
 
 
 def delta_e(a: Array, b: Array) -> Array:
@@ -103,6 +140,8 @@ def _scale(camera: Array, reference: Array) -> float:
     """What brings the camera's neutral patches to the level of the published ones."""
     grey = reference.mean(1)
     neutral = np.abs(reference - grey[:, None]).max(1) < 0.1 * grey
+    if not neutral.any():
+        neutral[:] = True
     return float((camera[neutral] * reference[neutral]).sum() / (camera[neutral] ** 2).sum())
 
 

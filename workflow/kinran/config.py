@@ -1,6 +1,7 @@
 """The configuration: read once, checked by schema, with defaults filled in."""
 
 import json
+import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,11 +10,12 @@ from typing import Any
 import jsonschema
 import yaml
 
-from kinran import encoding, ingest, photographs
+from kinran import encoding
 from kinran.code import ROOT
 from kinran.files import InputError
-from kinran.lights import read_lp
+from kinran.lights import lp_file, read_lp
 from kinran.plan import group_names, plan_grid
+from kinran.plans import list_group_names
 from kinran.sheets import read_sheet
 
 SCHEMAS = ROOT / "workflow" / "schemas"
@@ -33,6 +35,8 @@ class Fabric:
         Of the photographs.
     regions
         Number of regions; None to let the data say.
+    seeds
+        Texels of each region, as the sheet has them.
     light_groups
         Groups of its capture that hold lights.
     all_groups
@@ -44,13 +48,15 @@ class Fabric:
     encoding: str
     crop: str
     regions: int | None
+    seeds: str
     light_groups: tuple[str, ...]
     all_groups: tuple[str, ...]
 
     @property
     def region_option(self) -> str:
-        """Option of `kinran segment`."""
-        return "" if self.regions is None else f"--count {self.regions}"
+        """Options of `kinran segment`."""
+        count = "" if self.regions is None else f"--count {self.regions} "
+        return f"{count}--seeds={shlex.quote(self.seeds)}" if self.seeds else count
 
 
 def check(value: dict[str, Any], schema: str, where: str) -> None:
@@ -105,13 +111,12 @@ def _fabric(row: dict[str, str], rig: dict[str, Any]) -> Fabric:
     if row["source"] == "rig":
         groups = tuple(group_names(rig["thetas"], rig["phis"], rig["meridians"]))
         lights = tuple(group for group in groups if group != "calibration")
-        return Fabric(row["fabric"], None, "", "", regions, lights, (*lights, "calibration"))
+        return Fabric(row["fabric"], None, "", "", regions, row["seeds"], lights, (*lights, "calibration"))
     folder = Path(row["source"])
     encoded = row["encoding"] or "srgb"
     encoding.parse(encoded)
-    photographs.parse_crop(row["crop"])
-    groups = tuple(ingest.group_names(len(read_lp(ingest.lp_file(folder)))))
-    return Fabric(row["fabric"], folder, encoded, row["crop"], regions, groups, groups)
+    groups = tuple(list_group_names(len(read_lp(lp_file(folder)))))
+    return Fabric(row["fabric"], folder, encoded, row["crop"], regions, row["seeds"], groups, groups)
 
 
 def read_revisions(config: dict[str, Any], fabrics: dict[str, Fabric]) -> Callable[[str, str], str]:

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from kinran import encoding, photographs
+from kinran.exif import exif_seconds
+from kinran.exposures import time_in_name
 from kinran.files import InputError, check_name, sha256, write_json
-from kinran.lights import Light, read_lp
-from kinran.plans import Group, Plan, PlanLight, Shot, read_plan, write_plan
-
-GROUP = 64
-"""Lights in a group: eight whole shards of the stack."""
+from kinran.lights import Light, lp_file, read_lp
+from kinran.plans import LIST_GROUP, Group, Plan, PlanLight, Shot, list_group_names, read_plan, write_plan
+from kinran.raw import is_raw
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,30 +33,8 @@ def main(args: argparse.Namespace) -> None:
         write_json(args.out, manifest(args.plan, args.group, args.folder))
         return
     lights = inspect(args.folder, args.encoding, args.crop, args.holdout)
-    write_plan(args.out, plan(args.fabric, lights, args.encoding, args.crop))
-
-
-def group_names(count: int) -> list[str]:
-    """Names of the groups of a set of `count` lights."""
-    return [f"{k:02d}" for k in range(math.ceil(count / GROUP))]
-
-
-def lp_file(folder: Path) -> Path:
-    """The one `.lp` file of a folder.
-
-    Raises
-    ------
-    InputError
-        The folder is missing, or has none or several.
-    """
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; give the folder of the photographs")
-    found = sorted(path for path in folder.iterdir() if path.suffix.lower() == ".lp")
-    if not found:
-        raise InputError(f"{folder}: has no .lp file; add one with the number of lights and 'file x y z' for each")
-    if len(found) > 1:
-        raise InputError(f"{folder}: has {found[0].name} and {found[1].name}; keep one .lp file")
-    return found[0]
+    times = exposures(photographs.find_frames(args.folder, lights))
+    write_plan(args.out, plan(args.fabric, lights, args.encoding, args.crop, times))
 
 
 def inspect(folder: Path, encoded: str, crop_text: str, holdout: int) -> list[Light]:
@@ -79,22 +57,56 @@ def inspect(folder: Path, encoded: str, crop_text: str, holdout: int) -> list[Li
         raise InputError(
             f"{folder}: no light of {len(lights)} is left to hold out when every {holdout}th is; give --holdout 0"
         )
-    found = photographs.find(folder, lights)
-    first = found[lights[0].name]
-    sizes = {path: photographs.size(path) for path in found.values()}
+    found = photographs.find_frames(folder, lights)
+    exposures(found)
+    first, paths = found[lights[0].name][0], [path for frames in found.values() for path in frames]
+    sizes = {path: photographs.size(path) for path in paths}
     for path, size in sizes.items():
         if size != sizes[first]:
             raise InputError(
                 f"{path}: is {size[0]}x{size[1]} but {first.name} is {sizes[first][0]}x{sizes[first][1]};"
                 " all photographs of a set have one size"
             )
-    for k, path in enumerate(found.values()):
-        photographs.read(path, coder, crop)
+    for k, path in enumerate(paths):
+        if not is_raw(path):  # LibRaw has looked into those
+            photographs.read(path, coder, crop)
         if sys.stderr.isatty():
-            print(f"\rchecking photograph {k + 1} of {len(found)}", end="", file=sys.stderr, flush=True)
+            print(f"\rchecking photograph {k + 1} of {len(paths)}", end="", file=sys.stderr, flush=True)
     if sys.stderr.isatty():
         print(file=sys.stderr)
     return lights
+
+
+def exposures(found: dict[str, list[Path]]) -> tuple[float, ...]:
+    """Nominal exposure times of a set's brackets, longest first; 1 for single photographs.
+
+    Raises
+    ------
+    InputError
+        Single RAW files, or a bracket's time is not known, stands twice, or is another light's.
+    """
+    times: set[float] = set()
+    for name, frames in found.items():
+        if len(frames) == 1 and is_raw(frames[0]):
+            raise InputError(f"{frames[0]}: is a single RAW file; give brackets of RAW, or developed photographs")
+        if (len(frames) > 1) != (len(next(iter(found.values()))) > 1):
+            raise InputError(f"{frames[0]}: light '{name}' has {len(frames)} image(s), the first one more or fewer")
+        own = frame_seconds(frames)
+        if len(set(own)) < len(own):
+            raise InputError(f"{frames[0]}: the bracket of light '{name}' has an exposure time twice; keep one of them")
+        times |= set(own)
+    return tuple(sorted(times, reverse=True))
+
+
+def frame_seconds(frames: list[Path]) -> list[float]:
+    """Nominal exposure time of each frame of a light, of EXIF or of its name; 1 for a single photograph."""
+    if len(frames) == 1:
+        return [1.0]
+    seconds = [round(exif_seconds(path) or time_in_name(path.stem), 9) for path in frames]
+    for path, value in zip(frames, seconds, strict=True):
+        if not value:
+            raise InputError(f"{path}: has no exposure time in its EXIF; rename it to {path.stem}_1-250s{path.suffix}")
+    return seconds
 
 
 def held_out_count(lights: int, every: int) -> int:
@@ -102,7 +114,7 @@ def held_out_count(lights: int, every: int) -> int:
     return sum(index % every == every // 2 for index in range(lights)) if every else 0
 
 
-def plan(fabric: str, lights: list[Light], encoded: str, crop: str) -> Plan:
+def plan(fabric: str, lights: list[Light], encoded: str, crop: str, exposures_s: tuple[float, ...] = (1.0,)) -> Plan:
     """Plan of a set in the order of its `.lp` file."""
     entries = tuple(
         PlanLight(
@@ -115,22 +127,26 @@ def plan(fabric: str, lights: list[Light], encoded: str, crop: str) -> Plan:
         for index, light in enumerate(lights)
     )
     groups = []
-    for k, name in enumerate(group_names(len(lights))):
-        inside = entries[k * GROUP : (k + 1) * GROUP]
+    for k, name in enumerate(list_group_names(len(lights))):
+        inside = entries[k * LIST_GROUP : (k + 1) * LIST_GROUP]
         shots = tuple(Shot(light.name, "light", light.index, light.theta, light.phi) for light in inside)
         groups.append(Group(name, tuple(light.index for light in inside), shots))
-    return Plan(check_name(fabric, "fabric"), "list", (1.0,), entries, tuple(groups), encoding=encoded, crop=crop)
+    return Plan(check_name(fabric, "fabric"), "list", exposures_s, entries, tuple(groups), encoding=encoded, crop=crop)
 
 
 def manifest(plan_file: Path, name: str, folder: Path) -> dict[str, Any]:
     """Manifest of a group: the photographs where they lie, with their digests."""
     planned = read_plan(plan_file)
     group = planned.group(name)
-    found = photographs.find(folder, list(read_lp(lp_file(folder))))
+    found = photographs.find_frames(folder, list(read_lp(lp_file(folder))))
     shots = []
     for shot in group.shots:
-        path = found[shot.shot].resolve()
-        frame = {"file": str(path), "sha256": sha256(path), "bytes": path.stat().st_size, "exposure_s": None}
+        paths = [path.resolve() for path in found[shot.shot]]
+        seconds = [None] if len(paths) == 1 else frame_seconds(paths)
+        frames = [
+            {"file": str(path), "sha256": sha256(path), "bytes": path.stat().st_size, "exposure_s": time}
+            for path, time in zip(paths, seconds, strict=True)
+        ]
         shots.append(
             {
                 "shot": shot.shot,
@@ -140,7 +156,7 @@ def manifest(plan_file: Path, name: str, folder: Path) -> dict[str, Any]:
                 "pose_mdeg": None,
                 "photodiode": None,
                 "time_s": None,
-                "frames": [frame],
+                "frames": frames,
             }
         )
     return {

@@ -35,9 +35,26 @@ class Region:
     shininess: float
 
 
-def write_labels(path: Path, labels: NDArray[np.intp], confidence: NDArray[np.float32]) -> None:
-    """Write the label map (y, x) and its confidence (y, x) in [0, 1]."""
-    write_exr(path, {"label": labels.astype(np.float32), "confidence": confidence})
+def write_labels(
+    path: Path,
+    labels: NDArray[np.intp],
+    confidence: NDArray[np.float32],
+    second: NDArray[np.intp],
+    membership: NDArray[np.float32],
+) -> None:
+    """Write the label map (y, x) as channels.
+
+    Parameters
+    ----------
+    labels, second : (y, x) int
+        Region of each texel, and the one that shares it; the same where none does.
+    confidence : (y, x) float32
+        Probability that the label is right.
+    membership : (y, x) float32
+        Share of the label's region in the texel, in [0.5, 1]; the rest is the second's.
+    """
+    regions = {"label": labels.astype(np.float32), "second": second.astype(np.float32)}
+    write_exr(path, {**regions, "confidence": confidence, "membership": membership})
 
 
 def read_labels(path: Path) -> NDArray[np.intp]:

@@ -91,3 +91,21 @@ def write_lp(path: Path, lights: list[Light]) -> None:
     """Write a `.lp` file."""
     rows = [f"{light.file or light.name} {' '.join(f'{v:.9f}' for v in light.direction)}" for light in lights]
     path.write_text("\n".join([str(len(lights)), *rows]) + "\n", encoding="utf-8")
+
+
+def lp_file(folder: Path) -> Path:
+    """The one `.lp` file of a folder.
+
+    Raises
+    ------
+    InputError
+        The folder is missing, or has none or several.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; give the folder of the photographs")
+    found = sorted(path for path in folder.iterdir() if path.suffix.lower() == ".lp")
+    if not found:
+        raise InputError(f"{folder}: has no .lp file; add one with the number of lights and 'file x y z' for each")
+    if len(found) > 1:
+        raise InputError(f"{folder}: has {found[0].name} and {found[1].name}; keep one .lp file")
+    return found[0]

@@ -1,88 +1,138 @@
-"""Merge the shots of a group to radiance: whole shards of the stack.
+"""Merge one bracket to linear radiance: RAW, TIFF, PNG or JPEG frames to one EXR with its noise.
 
-RAW brackets are merged per sensor site before any demosaic, scaled so that a white diffuser that faces the
-lamp at θ = 0 reads 1 (π·T), and freed of the lamp's drift. Photographs are decoded to linear light.
+Channels R G B, sigma.R sigma.G sigma.B (standard deviation; infinite where every exposure is saturated) and flags
+(1 saturated, 2 dark, 4 hot, 8 shifted). RAW is merged before any demosaic, one pixel for four sites, in counts a
+second of the camera's R, G, B; photographs in white a second, linear Rec. 709. The times come from --times, EXIF or
+the name (…_25ms, …_1-250s), are taken as third stops where they are such, and their ratios then from the pictures.
 """
 
 import argparse
+import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from kinran.calibration import Calibration, read_calibration
-from kinran.files import InputError, write_json
-from kinran.lamp import lamp_gains, level
-from kinran.plans import read_plan
-from kinran.shots import Taken, merge_bracket, read_bracket, read_light, read_manifest
-from kinran.stack import SATURATED, SHARD, group_shards, write_shards
+from kinran.calibration import Camera
+from kinran.encoding import parse
+from kinran.exif import exif_seconds
+from kinran.exposures import parse_times, time_in_name
+from kinran.exr import write_exr
+from kinran.files import InputError
+from kinran.photographs import SUFFIXES, Crop
+from kinran.raw import is_raw
+from kinran.shots import FULL, Bracket, Frame, Taken, read_bracket
+from kinran.stack import SATURATED
+from kinran.superpixels import Superpixels, merge_sites
+from kinran.uncalibrated import decoder_of, describe
 
-Image = NDArray[np.float32]
-Flags = NDArray[np.uint8]
+REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the stage."""
-    parser.add_argument("--plan", type=Path, required=True, help="plan of the capture")
-    parser.add_argument("--calibration", type=Path, required=True, help="calibration (.json)")
-    parser.add_argument("--manifest", type=Path, required=True, help="manifest of the group")
-    parser.add_argument("--receipt", type=Path, help="what was merged, for the rule and the report (.json)")
-    parser.add_argument("out", type=Path, help="radiance stack (.zarr)")
+    """Arguments of the command."""
+    parser.add_argument("frames", type=Path, nargs="+", metavar="FRAME", help="frames of the bracket, in any order")
+    parser.add_argument("--out", type=Path, required=True, metavar="X.exr")
+    parser.add_argument(
+        "--times", default="", metavar="1/25,1/100,…", help="exposure time of each frame, in this order"
+    )
+    help_ = "of photographs: srgb, linear, gamma:EXPONENT or recovered; without it, as the bracket tells"
+    parser.add_argument("--encoding", default="", help=help_)
 
 
 def main(args: argparse.Namespace) -> None:
-    """Write the group's shards, then the receipt."""
-    plan = read_plan(args.plan)
-    calibration = read_calibration(args.calibration)
-    if calibration.plan_sha256 != plan.sha256:
-        raise InputError(f"{args.calibration}: belongs to another plan; calibrate again")
-    shots = read_manifest(args.manifest, plan)
-    by_light = {shot.light: shot for shot in shots if shot.kind == "light"}
-    monitors = {shot.light for group in plan.groups for shot in group.shots if shot.kind == "monitor"}
-    lights = plan.group(args.manifest.stem).lights
-    shards = group_shards(lights, max((light for light in monitors if light is not None), default=None))
-    wanted = [index for index in lights if index // SHARD in shards]
-    if missing := [plan.lights[index].name for index in wanted if index not in by_light]:
-        raise InputError(f"{args.manifest}: has no shot of light '{missing[0]}'; capture the group again")
-    gains = measure_gains(shots, calibration, args.manifest)
-    saturated, samples = 0, 0
-    for k, shard in enumerate(shards):
-        inside = [index for index in wanted if index // SHARD == shard]
-        merged = [merge_shot(by_light[index], calibration, gains) for index in inside]
-        radiance, flags = (np.stack(part) for part in zip(*merged, strict=True))
-        write_shards(args.out, shard * SHARD, radiance, flags)
-        saturated += int((flags & SATURATED).sum())
-        samples += flags.size
-        if sys.stderr.isatty():
-            print(f"\rshard {k + 1} of {len(shards)}", end="", file=sys.stderr, flush=True)
-    print(f"\rgroup {args.manifest.stem}: {len(wanted)} lights merged", file=sys.stderr)
-    if args.receipt:
-        receipt = {
-            "fabric": plan.fabric,
-            "group": args.manifest.stem,
-            "shards": shards,
-            "lights": len(wanted),
-            "saturated": saturated / max(samples, 1),
-            "lamp": gains,
-        }
-        write_json(args.receipt, receipt)
+    """Write the radiance."""
+    if args.out.suffix.lower() != ".exr":
+        raise InputError(f"{args.out}: give a name that ends in .exr")
+    frames = timed(args.frames, args.times)
+    bracket, encoding = read(frames, args.encoding)
+    camera = describe([bracket])
+    merged = merge_sites(bracket, camera)
+    write(args.out, merged, bracket, camera, encoding)
+    print(summary(merged, camera, encoding), file=sys.stderr)
 
 
-def measure_gains(shots: list[Taken], calibration: Calibration, manifest: Path) -> dict[str, float]:
-    """Light of the lamp at each shot of a group; empty for photographs."""
-    camera = calibration.camera
-    if camera is None:
-        return {}
-    monitors = [shot for shot in shots if shot.kind == "monitor"]
-    levels = {shot.shot: level(*merge_bracket(read_bracket(shot), camera)) for shot in monitors}
-    return lamp_gains(shots, camera, levels, manifest)
+def timed(paths: Sequence[Path], times: str) -> list[Frame]:
+    """Frames with their nominal times: as given, or of EXIF, or as their names say.
+
+    Raises
+    ------
+    InputError
+        A file is missing or of another kind, stands twice, or its time is not known.
+    """
+    for k, path in enumerate(paths):
+        if not path.is_file():
+            raise InputError(f"{path}: no such file")
+        if not is_raw(path) and path.suffix.lower() not in SUFFIXES:
+            raise InputError(f"{path}: is no RAW, TIFF, PNG or JPEG file; give frames of these kinds")
+        if path.resolve() in {other.resolve() for other in paths[:k]}:
+            raise InputError(f"{path}: is given twice; give each frame once")
+    given = parse_times(times) if times else []
+    if given and len(given) != len(paths):
+        raise InputError(f"--times {times}: has {len(given)} times for {len(paths)} frames; give one for each")
+    seconds = given or [exif_seconds(path) or time_in_name(path.stem) for path in paths]
+    if missing := [path for path, value in zip(paths, seconds, strict=True) if not value]:
+        if len(paths) > 1:
+            raise InputError(f"{missing[0]}: has no exposure time in its EXIF or name; give --times 1/25,1/100,…")
+        seconds = [1.0]
+    return [Frame(path, value) for path, value in zip(paths, seconds, strict=True)]
 
 
-def merge_shot(shot: Taken, calibration: Calibration, gains: dict[str, float]) -> tuple[Image, Flags]:
-    """Radiance (y, x, 3) of a shot in the stack's unit, and its flags."""
-    if calibration.camera is None:
-        return read_light(shot, calibration)
-    rate, flags = merge_bracket(read_bracket(shot), calibration.camera)
-    white = np.array(calibration.camera.white) * gains[shot.shot]
-    return (rate / white).astype(np.float32), flags
+def read(frames: Sequence[Frame], encoding: str, crop: Crop | None = None) -> tuple[Bracket, str]:
+    """Bracket of frames, and the encoding of photographs; empty for RAW."""
+    shot = Taken("bracket", "light", 0, None, None, tuple(frames))
+    if any(is_raw(frame.path) for frame in frames):
+        if encoding:
+            raise InputError(f"--encoding {encoding}: is for photographs, but {frames[0].path} is RAW; leave it out")
+        return read_bracket(shot), ""
+    if encoding not in ("", "recovered"):
+        parse(encoding)
+    paths, seconds = [frame.path for frame in frames], [frame.nominal_s for frame in frames]
+    name, decoder = decoder_of(encoding, paths, seconds, crop)
+    return read_bracket(shot, decoder, crop), name
+
+
+def write(path: Path, merged: Superpixels, bracket: Bracket, camera: Camera, encoding: str) -> None:
+    """Write the EXR, upright and top row first."""
+    unit = FULL if encoding else 1
+    rate, sigma, flags = (np.rot90(part[::-1], bracket.turns) for part in merged)
+    channels = {name: np.asarray(rate[..., k] / unit, np.float32) for k, name in enumerate("RGB")}
+    channels |= {f"sigma.{name}": np.asarray(sigma[..., k] / unit, np.float32) for k, name in enumerate("RGB")}
+    channels["flags"] = np.bitwise_or.reduce(flags, axis=-1).astype(np.float32)
+    longest = camera.exposures[0]
+    header: dict[str, object] = {
+        "expTime": float(longest.seconds),
+        "kinran:unit": "white per second" if encoding else "counts over black per second",
+        "kinran:colour": f"linear Rec. 709 ({encoding} photographs)" if encoding else "camera RGB, not balanced",
+        "kinran:flags": "1 saturated, 2 dark, 4 hot, 8 shifted",
+        "kinran:frames": json.dumps([frame.path.name for frame in bracket.frames], ensure_ascii=False),
+        "kinran:exposures": json.dumps([exposure.seconds for exposure in camera.exposures]),
+        "kinran:noise": json.dumps(
+            {
+                "counts_per_electron": camera.response.gain,
+                "read_counts": camera.response.read,
+                "saturation_counts": camera.response.saturation,
+                "black_counts": [float(value) for value in bracket.black],
+            }
+        ),
+    }
+    if encoding:
+        header["chromaticities"] = REC709
+    write_exr(path, channels, header)
+
+
+def summary(merged: Superpixels, camera: Camera, encoding: str) -> str:
+    """What was merged, in a few lines."""
+    height, width, _ = merged.rate.shape
+    full = float(((merged.flags & SATURATED) > 0).any(-1).mean())
+    lines = [f"{width} × {height} pixels" + (f", {encoding} photographs" if encoding else ", RAW"), ""]
+    for k, e in enumerate(camera.exposures):
+        how = f"from {e.sites} sites" if e.sites else "the longest" if k == 0 else "no site tells: as its name says"
+        lines.append(f"  {e.nominal_s:<9.6g} s is {e.seconds:.6g} s ({how})")
+    r = camera.response
+    lines += [
+        "",
+        f"saturation {r.saturation:.0f} counts, {r.gain:.4g} counts an electron, read noise {r.read:.2f} counts",
+    ]
+    return "\n".join([*lines, f"saturated at every exposure: {full:.2%} of the picture"])

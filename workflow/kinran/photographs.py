@@ -14,6 +14,7 @@ from kinran.encoding import Encoding
 from kinran.exr import read_exr
 from kinran.files import InputError
 from kinran.lights import Light
+from kinran.raw import RAW, is_raw, raw_size
 
 Image = NDArray[np.float32]
 
@@ -97,14 +98,51 @@ def find(folder: Path, lights: list[Light]) -> dict[str, Path]:
     return found
 
 
+def find_frames(folder: Path, lights: list[Light]) -> dict[str, list[Path]]:
+    """Frames of each light, by the light's name: its one image, or its bracket.
+
+    A bracket is all the images in a folder of the light's name, or those named after it: ``NAME_25ms.tif``,
+    ``NAME_1-250s.png``, ``NAME_1.cr2``.
+
+    Raises
+    ------
+    InputError
+        As `find`, or a light has both.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; give the folder of the photographs")
+    kinds = {*SUFFIXES, *RAW}
+    names = {light.name for light in lights}
+    named: dict[str, list[Path]] = {}
+    for path in sorted(folder.iterdir()):
+        if path.suffix.lower() not in kinds or path.stem in names:
+            continue
+        parts = path.stem.split("_")
+        owners = [name for k in range(1, len(parts)) if (name := "_".join(parts[:k])) in names]
+        if owners:
+            named.setdefault(owners[-1], []).append(path)
+    inside = {name: [p for p in sorted((folder / name).glob("*")) if p.suffix.lower() in kinds] for name in names}
+    single = [light for light in lights if not inside[light.name] and light.name not in named]
+    frames = {name: [path] for name, path in find(folder, single).items()}
+    for light in lights:
+        if inside[light.name] and light.name in named:
+            raise InputError(
+                f"{folder / light.name}: stands beside {named[light.name][0].name}; keep one of both brackets"
+            )
+        frames.setdefault(light.name, inside[light.name] or named.get(light.name, []))
+    return frames
+
+
 def size(path: Path) -> tuple[int, int]:
-    """Width and height from the header alone.
+    """Width and height from the header alone; of RAW files in superpixels.
 
     Raises
     ------
     InputError
         The file is no image that can be read.
     """
+    if is_raw(path):
+        return raw_size(path)
     try:
         if path.suffix.lower() == ".exr":
             plane = next(iter(read_exr(path).values()))

@@ -44,8 +44,8 @@ def heat(values: ArrayLike, high: float) -> Picture:
 
 def region_colours(colours: NDArray[np.float64]) -> Picture:
     """Colours (region, 3) for a label map: their own linear ones, or `LABEL_COLOURS` where these look alike."""
-    own = np.clip(colours, 0, None)
-    own = SRGB.encode(own / np.maximum(own.max(1, keepdims=True), 1e-6) * 0.8) * 255
+    light = np.clip(colours, 0, None)
+    own = SRGB.encode(light / np.maximum(light.max(1, keepdims=True), 1e-6) * 0.8) * 255
     apart = np.linalg.norm(own[:, None] - own[None], axis=-1) + 1e3 * np.eye(len(own))
     if apart.min() < 60:
         return LABEL_COLOURS[np.arange(len(own)) % len(LABEL_COLOURS)]

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -11,6 +12,8 @@ from kinran.files import InputError, check_name, read_json, write_json
 VERSION = 1
 SHARD = 8
 """Lights in one shard of the radiance stack."""
+LIST_GROUP = 64
+"""Lights in a group of a list of photographs: eight whole shards."""
 
 Kind = Literal["light", "monitor", "dark", "white", "chart"]
 Vector = tuple[float, float, float]
@@ -104,6 +107,7 @@ class Plan:
     light_dose_s: float | None = None
     lamp_mm: float | None = None
     field_mm: float | None = None
+    camera_mm: float | None = None
     encoding: str | None = None
     crop: str = ""
 
@@ -155,6 +159,7 @@ def read_plan(path: Path) -> Plan:
             light_dose_s=value.get("light_dose_s"),
             lamp_mm=value.get("lamp_mm"),
             field_mm=value.get("field_mm"),
+            camera_mm=value.get("camera_mm"),
             encoding=value.get("encoding"),
             crop=value.get("crop", ""),
         )
@@ -200,6 +205,8 @@ def check_plan(path: Path, plan: Plan) -> None:
 
 def _as_json(plan: Plan) -> dict[str, Any]:
     value: dict[str, Any] = json.loads(json.dumps({"version": VERSION, **asdict(plan)}))
+    if plan.camera_mm is None:  # plans of before keep their digests
+        del value["camera_mm"]
     return value
 
 
@@ -224,3 +231,8 @@ def _group(value: dict[str, Any]) -> Group:
 def _vector(value: list[float]) -> Vector:
     x, y, z = value
     return x, y, z
+
+
+def list_group_names(count: int) -> list[str]:
+    """Names of the groups of a list of `count` lights."""
+    return [f"{k:02d}" for k in range(math.ceil(count / LIST_GROUP))]

@@ -69,10 +69,8 @@ def prepare(folder: Path, out: Path, encoding: str, crop: str, holdout: int) -> 
         defaults["rig"]["device"] = "none"
         defaults["scene"]["template"] = str(ROOT / defaults["scene"]["template"])
         (work / "config.yaml").write_text(yaml.safe_dump(defaults, sort_keys=False), encoding="utf-8")
-        rows = [
-            "fabric\tsource\tencoding\tcrop\tregions",
-            "\t".join([fabric, str(folder), encoding, crop, ""]),
-        ]
+        row = {"fabric": fabric, "source": str(folder), "encoding": encoding, "crop": crop, "regions": "", "seeds": ""}
+        rows = ["\t".join(row), "\t".join(row.values())]
         (work / "config" / "fabrics.tsv").write_text("\n".join(rows) + "\n", encoding="utf-8")
         (work / "config" / "recapture.tsv").write_text("fabric\ttheta\tphi\trevision\treason\n", encoding="utf-8")
     except OSError as error:

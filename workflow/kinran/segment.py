@@ -1,37 +1,44 @@
 """Segment a fabric into regions of one kind of thread, by Mahalanobis distance in a colour space.
 
-Takeda2008, §3.1. The colour space is made of statistics over all training lights, not of one photograph: the
-logarithmic chroma of the median, the luminance and the shininess of each texel.
+Takeda2008, §3.1. The colour space is made of statistics over all training lights, not of one photograph. The
+regions start from patches that a person points at, or are found; their number is given, or chosen.
 """
 
 import argparse
+import re
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.cluster.vq import kmeans2
-from scipy.ndimage import uniform_filter
 
+from kinran import mahalanobis
+from kinran.appearance import Appearance, over_lights
 from kinran.exr import write_exr
-from kinran.files import InputError
+from kinran.files import NAME, InputError
 from kinran.labels import Region, write_labels, write_regions
 from kinran.stack import Stack
 from kinran_bsdf.colours import TO_REC709
 
 Array = NDArray[np.float64]
+Labels = NDArray[np.intp]
 
-AUTOMATIC = 4
 LEAST_TEXELS = 32
 LEAST_SHARE = 0.005
-STARTS = 10
-ROUNDS = 20
+SEED = re.compile(rf"({NAME.pattern}):([0-9]{{1,6}}),([0-9]{{1,6}})")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the stage."""
     parser.add_argument("--stack", type=Path, required=True, help="radiance stack (.zarr)")
-    parser.add_argument("--count", type=int, help="number of regions (default: up to 4, those that hold)")
+    parser.add_argument("--count", type=int, help="number of regions (default: as many as the data tell apart)")
+    parser.add_argument(
+        "--seeds",
+        default="",
+        metavar="NAME:X,Y;…",
+        help="texels of each region, from the top left of the label map; several of a name help",
+    )
     parser.add_argument("--regions", type=Path, required=True, help="what is known of each region (.json)")
     parser.add_argument("--statistics", type=Path, required=True, help="statistics over the lights (.exr)")
     parser.add_argument("out", type=Path, help="label map (.exr)")
@@ -39,166 +46,169 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> None:
     """Write the label map, the regions and the statistics that they were found by."""
+    seeds = parse_seeds(args.seeds)
     stack = Stack.open(args.stack)
-    median, peak, middle = statistics(stack)
-    features = standardised(median, peak, middle)
-    shape = median.shape[:2]
-    labels, distance = cluster(features, args.count or AUTOMATIC, str(args.out), strict=args.count is not None)
-    labels = _by_shininess(labels, np.log((peak + 1e-4) / (middle + 1e-4)).reshape(-1))
-    regions = describe(labels.reshape(shape), median, peak, middle, stack.to_acescg)
-    write_labels(args.out, labels.reshape(shape), np.exp(-0.5 * distance).reshape(shape).astype(np.float32))
+    look = over_lights(stack)
+    found = segment(look, args.count, seeds, str(args.out))
+    shape = look.middle.shape
+    write_labels(
+        args.out,
+        found.labels.reshape(shape),
+        found.confidence.reshape(shape).astype(np.float32),
+        found.second.reshape(shape),
+        found.membership.reshape(shape).astype(np.float32),
+    )
+    regions = describe(found.labels.reshape(shape), look, stack.to_acescg, found.names)
     write_regions(args.regions, regions)
-    planes = {name: median[..., k] for k, name in enumerate(("median.R", "median.G", "median.B"))}
-    write_exr(args.statistics, {**planes, "luminance.p98": peak, "luminance.p40": middle})
+    planes = {name: look.median[..., k] for k, name in enumerate(("median.R", "median.G", "median.B"))}
+    write_exr(args.statistics, {**planes, "luminance.p98": look.peak, "luminance.p40": look.middle})
     for region in regions:
         print(f"{region.name}: {region.texels} texels", file=sys.stderr)
 
 
-def statistics(
-    stack: Stack,
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """Statistics of each texel over the training lights, saturated samples included.
+@dataclass(frozen=True)
+class Seed:
+    """A texel that a person says belongs to a region; x, y from the top left of the label map."""
 
-    Returns
-    -------
-    median : (y, x, 3) float32
-        Median of T / cos θ_i over lights within 60° of the normal.
-    p98, p40 : (y, x) float32
-        Percentiles of luminance (mean of the channels).
-    """
-    use = np.array([i for i, light in enumerate(stack.lights) if not light.held_out])
-    cosine = np.array([stack.lights[i].direction[2] for i in use])
-    high = cosine > 0.5 if (cosine > 0.5).sum() >= 3 else np.ones(len(cosine), bool)
-    median = np.zeros((stack.height, stack.width, 3), np.float32)
-    peak, middle = np.zeros(median.shape[:2], np.float32), np.zeros(median.shape[:2], np.float32)
-    for y0, y1, x0, x1 in stack.tiles():
-        radiance = np.nan_to_num(stack.read_tile(y0, y1, x0, x1, lights=use)[0], posinf=0, neginf=0)
-        median[y0:y1, x0:x1] = np.median(radiance[high] / cosine[high, None, None, None], axis=0)
-        middle[y0:y1, x0:x1], peak[y0:y1, x0:x1] = np.percentile(radiance.mean(-1), (40, 98), axis=0)
-    return median, peak, middle
+    name: str
+    x: int
+    y: int
 
 
-def standardised(median: NDArray[np.float32], peak: NDArray[np.float32], middle: NDArray[np.float32]) -> Array:
-    """Features (texel, 4): log chroma (R/G, B/G), log luminance, shininess; each of unit spread."""
-    floor = 1e-3 * max(float(np.percentile(median, 99)), 1e-6) + 1e-6
-    m = np.log(np.maximum(median.astype(float), 0) + floor)
-    shininess = np.log(np.maximum(peak, 0) + floor) - np.log(np.maximum(middle, 0) + floor)
-    columns = np.stack([m[..., 0] - m[..., 1], m[..., 2] - m[..., 1], 0.5 * m.mean(-1), shininess], -1)
-    # a thread is wider than a texel: its neighbours speak for it, too
-    columns = uniform_filter(columns, size=(3, 3, 1), mode="nearest").reshape(-1, 4)
-    spread = columns.std(0)
-    return np.asarray((columns - columns.mean(0)) / np.where(spread > 1e-6, spread, 1.0))
+@dataclass(frozen=True)
+class Segmentation:
+    """Regions of a fabric, texel by texel.
 
-
-def cluster(features: Array, count: int, name: str, strict: bool) -> tuple[NDArray[np.intp], Array]:
-    """Regions by Mahalanobis distance with shrunk covariances, from the best of several k-means starts.
-
-    Parameters
+    Attributes
     ----------
-    features : (texel, d) float
-    count
-        Number of regions.
-    name
-        What to call the data in an error.
-    strict
-        Whether a region that is too small is an error; otherwise it is given up and its texels go elsewhere.
+    labels, second : (texel,) int
+        Region, and the one that shares the texel with it (the same where none does). Region 0 is the shiniest.
+    confidence, membership : (texel,) float
+        Probability that the label is right; share of the region in the texel.
+    names
+        Of the regions, where a person gave them; otherwise empty.
+    """
 
-    Returns
-    -------
-    labels : (texel,) int
-    distance : (texel,) float
-        Squared Mahalanobis distance to the region's mean.
+    labels: Labels
+    second: Labels
+    confidence: Array
+    membership: Array
+    names: tuple[str, ...]
+
+
+def parse_seeds(text: str) -> list[Seed]:
+    """Seeds of ``NAME:X,Y;NAME:X,Y``.
 
     Raises
     ------
     InputError
-        Fewer texels than regions need, or (strict) a region with too few of them.
+        A part does not have that form.
     """
+    seeds = []
+    for part in filter(None, (part.strip() for part in text.split(";"))):
+        match = SEED.fullmatch(part)
+        if match is None:
+            raise InputError(f"seeds: '{part}' is not NAME:X,Y such as gold:12,30; names use a-z, 0-9, _ and -")
+        seeds.append(Seed(match[1], int(match[2]), int(match[3])))
+    return seeds
+
+
+def segment(look: Appearance, count: int | None, seeds: list[Seed], name: str) -> Segmentation:
+    """Find the regions.
+
+    Parameters
+    ----------
+    look
+        Statistics over the lights.
+    count
+        Number of regions; None for that of the seeds, or for as many as the data tell apart.
+    seeds
+        Texels of regions; a 3 × 3 patch around each is taken.
+    name
+        What to call the data in an error.
+
+    Raises
+    ------
+    InputError
+        Fewer texels than regions need, a region that was asked for has too few of them, or the seeds do not
+        fit the map or the number.
+    """
+    features, shape = look.features(), look.middle.shape
     least = max(LEAST_TEXELS, int(LEAST_SHARE * len(features)))
     if len(features) < least:
         raise InputError(f"{name}: {len(features)} texels are too few to segment; {least} are needed")
-    different = len(np.unique(features[:: max(1, len(features) // 20000)], axis=0))
-    count = count if strict else min(count, different)
-    if different < count:
-        raise InputError(f"{name}: all texels look alike ({different} kinds for {count} regions); ask for fewer regions")
+    names: tuple[str, ...] = ()
+    fixed = np.full(len(features), -1, np.intp)
+    strict = bool(seeds) or count is not None
+    if seeds:
+        names, fixed = plant(seeds, (shape[0], shape[1]), name)
+        if count not in (None, len(names)):
+            raise InputError(f"{name}: the seeds name {len(names)} regions but {count} are asked for; correct one")
+        count = len(names)
+    elif count is None:
+        count = mahalanobis.choose_count(features, least)
     while True:
-        labels = _kmeans(features, count)
-        for _ in range(ROUNDS):
-            distance = _mahalanobis(features, labels, count)
-            new = distance.argmin(1)
-            if (new == labels).all():
-                break
-            labels = new
+        distances, labels = _find(features, (shape[0], shape[1]), count, fixed, name)
         sizes = np.bincount(labels, minlength=count)
         if sizes.min() >= least:
-            labels = labels.astype(np.intp)
-            return labels, _mahalanobis(features, labels, count)[np.arange(len(labels)), labels]
+            break
         if strict:
+            small = f"'{names[sizes.argmin()]}'" if names else "one"
             raise InputError(
-                f"{name}: with {count} regions one has only {sizes.min()} texels ({least} are needed);"
+                f"{name}: with {count} regions {small} has only {sizes.min()} texels ({least} are needed);"
                 " ask for fewer regions"
             )
-        count = min(int((sizes >= least).sum()), count - 1)
+        count -= 1
+    order = np.argsort([-np.median(look.shininess.reshape(-1)[labels == k]) for k in range(count)], kind="stable")
+    distances, labels = distances[:, order], np.argsort(order)[labels].astype(np.intp)
+    second, share = mahalanobis.membership(distances, labels, (shape[0], shape[1]))
+    sure = mahalanobis.confidence(distances, labels)
+    return Segmentation(labels, second, sure, share, tuple(names[k] for k in order) if names else ())
 
 
-def _kmeans(features: Array, count: int) -> NDArray[np.intp]:
-    best, labels = np.inf, np.zeros(len(features), np.intp)
-    if count == 1:
-        return labels
-    for seed in range(STARTS):
-        centres, found = kmeans2(features, count, minit="++", iter=30, rng=seed)
-        inertia = float(((features - centres[found]) ** 2).sum())
-        if inertia < best:
-            best, labels = inertia, found.astype(np.intp)
-    return labels
+def plant(seeds: list[Seed], shape: tuple[int, int], name: str) -> tuple[tuple[str, ...], Labels]:
+    """Names of the seeded regions and the label (texel,) of the texels in their patches, -1 elsewhere."""
+    height, width = shape
+    names = tuple(dict.fromkeys(seed.name for seed in seeds))
+    fixed = np.full(shape, -1, np.intp)
+    for seed in seeds:
+        if seed.x >= width or seed.y >= height:
+            raise InputError(
+                f"{name}: the seed {seed.name}:{seed.x},{seed.y} lies outside the {width} × {height} texels;"
+                " count from the top left"
+            )
+        row = height - 1 - seed.y
+        fixed[max(row - 1, 0) : row + 2, max(seed.x - 1, 0) : seed.x + 2] = names.index(seed.name)
+    return names, fixed.reshape(-1)
 
 
-def _mahalanobis(features: Array, labels: NDArray[np.intp], count: int) -> Array:
-    """Squared distances (texel, count) under covariances shrunk half-way to their mean."""
-    d = features.shape[1]
-    means, covariances, sizes = np.zeros((count, d)), np.zeros((count, d, d)), np.zeros(count)
-    for k in range(count):
-        inside = features[labels == k]
-        sizes[k] = len(inside)
-        means[k] = inside.mean(0) if len(inside) else np.inf
-        covariances[k] = np.cov(inside.T) if len(inside) > d else np.eye(d)
-    shared = (covariances * sizes[:, None, None]).sum(0) / sizes.sum()
-    distance = np.full((len(features), count), np.inf)
-    for k in np.flatnonzero(sizes):
-        inverse = np.linalg.inv(0.5 * covariances[k] + 0.5 * shared + 1e-3 * np.eye(d))
-        x = features - means[k]
-        distance[:, k] = np.einsum("ti,ij,tj->t", x, inverse, x)
-    return distance
+def _find(features: Array, shape: tuple[int, int], count: int, fixed: Labels, name: str) -> tuple[Array, Labels]:
+    """Squared distances (texel, count) to the regions, and labels (texel,)."""
+    different = len(np.unique(mahalanobis.sample(features), axis=0))
+    if different < count:
+        raise InputError(
+            f"{name}: all texels look alike ({different} kinds for {count} regions); ask for fewer regions"
+        )
+    planted = (fixed >= 0).any()
+    regions = mahalanobis.grow(features, fixed, count) if planted else mahalanobis.search(features, count)
+    distances = regions.distances(features)
+    return distances, mahalanobis.settle(distances, shape)
 
 
-def _by_shininess(labels: NDArray[np.intp], shininess: Array) -> NDArray[np.intp]:
-    """Number the regions from the shiniest on, so that a rerun gives the same numbers."""
-    order = sorted(np.unique(labels), key=lambda k: -float(np.median(shininess[labels == k])))
-    rank = np.zeros(int(labels.max()) + 1, np.intp)
-    rank[order] = np.arange(len(order))
-    return rank[labels]
-
-
-def describe(
-    labels: NDArray[np.intp],
-    median: NDArray[np.float32],
-    peak: NDArray[np.float32],
-    middle: NDArray[np.float32],
-    to_acescg: Array,
-) -> list[Region]:
-    """What is known of each region, with a name that says what it looks like."""
+def describe(labels: Labels, look: Appearance, to_acescg: Array, names: tuple[str, ...] = ()) -> list[Region]:
+    """What is known of each region, with a name that says what it looks like unless it has one."""
     regions: list[Region] = []
     taken: dict[str, int] = {}
     for k in range(int(labels.max()) + 1):
         inside = labels == k
-        rgb = TO_REC709 @ (to_acescg @ np.median(median[inside], axis=0))
-        shininess = float(np.median(np.log((peak[inside] + 1e-4) / (middle[inside] + 1e-4))))
-        name = colour_name(rgb)
+        rgb = TO_REC709 @ (to_acescg @ np.median(look.median[inside], axis=0))
+        name = names[k] if names else colour_name(rgb)
         taken[name] = taken.get(name, 0) + 1
         if taken[name] > 1:
             name = f"{name}-{taken[name]}"
         r, g, b = (round(float(v), 5) for v in rgb)
-        regions.append(Region(k, name, int(inside.sum()), (r, g, b), round(shininess, 4)))
+        shininess = round(float(np.median(look.shininess[inside])), 4)
+        regions.append(Region(k, name, int(inside.sum()), (r, g, b), shininess))
     return regions
 
 

@@ -1,20 +1,19 @@
 """What a RAW camera is like, measured on its frames: darkness, saturation, gain, shutter times, bad sites."""
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.bracket import Response, ratio_sums
+from kinran.bracket import Response
 from kinran.calibration import Exposure
+from kinran.exposures import discrepancy, measure, third_stop
 from kinran.files import InputError
 from kinran.shots import MISLABELLED, Bracket, light_of, site_black
 
 Array = NDArray[np.float64]
 
 HOT_SIGMA = 6.0
-LEAST_SITES = 100
 MOST_BAD = 0.01
 
 
@@ -56,8 +55,8 @@ def measure_saturation(white: Bracket, black: tuple[float, ...]) -> float:
     return saturation
 
 
-def photon_transfer(white: Bracket, black: Array, saturation: float, read: float) -> float:
-    """Counts per electron, from the differences of neighbouring green sites on the white plate.
+def photon_transfer(white: Bracket, black: Array, saturation: float, read: float) -> tuple[float, float]:
+    """Counts per electron and PRNU, from the differences of neighbouring green sites on the white plate.
 
     Their variance is 2 (gain · m + read² + PRNU² m²) for a mean of m counts.
     """
@@ -79,6 +78,7 @@ def photon_transfer(white: Bracket, black: Array, saturation: float, read: float
         raise InputError(f"shot '{white.shot.shot}': no exposure is lit but under saturation; add shorter ones")
     A, b = np.array(rows) * w[:, None], np.array(variances) * w
     gain, pattern = np.linalg.lstsq(A, b, rcond=None)[0] if len(rows) > 1 else (0.0, -1.0)
+    prnu = float(np.sqrt(max(pattern, 0.0)))
     if pattern < 0:
         gain = float(A[:, 0] @ b / (A[:, 0] @ A[:, 0]))
     if not 1e-3 < gain < 50:
@@ -86,7 +86,7 @@ def photon_transfer(white: Bracket, black: Array, saturation: float, read: float
             f"shot '{white.shot.shot}': {gain:.4f} counts per electron are not plausible;"
             " put the plate into the picture and shoot it again"
         )
-    return float(gain)
+    return float(gain), prnu
 
 
 def measure_exposures(lit: Sequence[Bracket], blacks: Sequence[Array], response: Response) -> tuple[Exposure, ...]:
@@ -97,29 +97,19 @@ def measure_exposures(lit: Sequence[Bracket], blacks: Sequence[Array], response:
     InputError
         A ratio is more than 10 % from that of the third stops.
     """
-    nominal = lit[0].nominal_s
-    prior = np.array([third_stop(value) for value in nominal])
-    times, sites = [float(prior[0])], [0]
+    nominal = [float(value) for value in lit[0].nominal_s]
+    prior = [third_stop(value) for value in nominal]
+    exposures = measure([bracket.planes for bracket in lit], blacks, nominal, prior, response)
     for k in range(len(nominal) - 1):
-        sums = np.zeros(3)
-        for bracket, black in zip(lit, blacks, strict=True):
-            sums += ratio_sums(light_of(bracket, black, k), light_of(bracket, black, k + 1), response.clip)
-        expected = prior[k] / prior[k + 1]
-        measured = sums[0] / sums[1] if sums[2] >= LEAST_SITES and sums[1] > 0 else expected
-        if abs(measured / expected - 1) > MISLABELLED:
+        off = discrepancy(exposures, k)
+        if abs(off) > MISLABELLED:
+            expected = prior[k] / prior[k + 1]
             raise InputError(
                 f"exposures {nominal[k]:g} s and {nominal[k + 1]:g} s: the pictures say a ratio of"
-                f" {measured:.3f}, the dial {expected:.3f}; frames are mislabelled or the lamp failed:"
+                f" {(1 + off) * expected:.3f}, the dial {expected:.3f}; frames are mislabelled or the lamp failed:"
                 " shoot them again"
             )
-        times.append(times[-1] / float(measured))
-        sites.append(int(sums[2]) if sums[2] >= LEAST_SITES else 0)
-    return tuple(Exposure(float(n), float(p), t, s) for n, p, t, s in zip(nominal, prior, times, sites, strict=True))
-
-
-def third_stop(nominal: float) -> float:
-    """The power of 2^(1/3) seconds that a camera means by a nominal shutter time: 1/25.4 s for 1/25 s."""
-    return float(2.0 ** (round(3 * math.log2(nominal)) / 3))
+    return exposures
 
 
 def dead_sites(white: Bracket, black: Array, saturation: float) -> NDArray[np.bool_]:

@@ -1,30 +1,29 @@
-"""The shots that a manifest lists, and their frames as counts or as light."""
+"""The shots that a manifest lists, and their frames as brackets of counts."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.bracket import DARK_SIGMA, estimate, ratio_sums
-from kinran.calibration import Calibration, Camera
-from kinran.encoding import parse
+from kinran.calibration import Calibration
+from kinran.encoding import Encoding, parse
 from kinran.files import InputError, read_json
-from kinran.photographs import parse_crop
+from kinran.photographs import CLIPPED, Crop, parse_crop
 from kinran.photographs import read as read_photograph
 from kinran.plans import Plan
-from kinran.raw import RawFrame, read_raw
-from kinran.stack import DARK, HOT, SATURATED
+from kinran.raw import RawFrame, is_raw, read_raw
+from kinran.response import Curve
+from kinran.stack import SATURATED
 
 Image = NDArray[np.float32]
 Flags = NDArray[np.uint8]
 
 MISLABELLED = 0.10
 """An exposure that is further than this from its calibrated time is another one."""
-FLICKER = 0.005
-"""How well lamp and shutter repeat from frame to frame, relative."""
-BLACK_ERROR = 0.05
-"""How well the darkness of a frame is known, in counts."""
+FULL = 65535
+"""Counts of white of a photograph."""
+APERTURE = 0.02
 
 
 @dataclass(frozen=True)
@@ -49,16 +48,23 @@ class Taken:
 
 @dataclass(frozen=True)
 class Bracket:
-    """The RAW frames of a shot, longest exposure first.
+    """The frames of a shot, longest exposure first.
 
     Attributes
     ----------
     planes
-        (exposure, 4, y, x) uint16 counts of R, G1, G2, B; row 0 is v = 0.
+        (exposure, plane, y, x) uint16 counts of R, G1, G2, B of RAW frames, or of R, G, B of photographs; row 0 is
+        v = 0.
     black
         (exposure,) counts of darkness, as measured under the mask or as the file says.
     nominal_s
         (exposure,) float.
+    white
+        Count of saturation as the file says.
+    turns
+        Quarter turns, counterclockwise, that bring the picture upright.
+    frames
+        In the order of the planes.
     """
 
     shot: Taken
@@ -67,6 +73,13 @@ class Bracket:
     masked: bool
     nominal_s: NDArray[np.float64]
     white: float
+    turns: int = 0
+    frames: tuple[Frame, ...] = field(default=())
+
+    @property
+    def bayer(self) -> bool:
+        """Whether the planes are the sites of a Bayer sensor."""
+        return bool(self.planes.shape[1] == 4)
 
 
 def read_manifest(path: Path, plan: Plan) -> list[Taken]:
@@ -99,80 +112,109 @@ def read_manifest(path: Path, plan: Plan) -> list[Taken]:
         raise InputError(f"{path}: is not a manifest ({error!r}); capture the group again") from None
 
 
-def read_bracket(shot: Taken) -> Bracket:
-    """Read the RAW frames of a shot.
+def read_bracket(shot: Taken, decoder: Encoding | Curve | None = None, crop: Crop | None = None) -> Bracket:
+    """Read the frames of a shot: RAW, or photographs that `decoder` makes linear.
 
     Raises
     ------
     InputError
-        A frame cannot be read, has another size or shutter time than it should, or an exposure stands twice.
+        A frame cannot be read, differs from the others in size, kind, ISO or aperture, has another shutter time than
+        it should, or an exposure stands twice.
     """
     ordered = sorted(shot.frames, key=lambda frame: -frame.nominal_s)
     if not ordered:
         raise InputError(f"shot '{shot.shot}' has no frames; capture it again")
-    frames: list[RawFrame] = []
-    for k, frame in enumerate(ordered):
-        raw = read_raw(frame.path)
-        if k and frame.nominal_s == ordered[k - 1].nominal_s:
+    for frame, before in zip(ordered[1:], ordered, strict=False):
+        if frame.nominal_s == before.nominal_s:
             raise InputError(f"{frame.path}: its exposure {frame.nominal_s:g} s stands twice in shot '{shot.shot}'")
+        if is_raw(frame.path) != is_raw(ordered[0].path):
+            raise InputError(
+                f"{frame.path}: is no file of the kind of {ordered[0].path.name}; merge one kind at a time"
+            )
+    if not is_raw(ordered[0].path):
+        return _photographs(shot, ordered, decoder or parse("srgb"), crop)
+    frames: list[RawFrame] = []
+    planes = np.empty((0,), np.uint16)
+    for k, frame in enumerate(ordered):
+        raw = _cut(read_raw(frame.path), crop, frame.path)
         if raw.seconds and abs(raw.seconds / frame.nominal_s - 1) > MISLABELLED:
             raise InputError(
-                f"{frame.path}: EXIF says {raw.seconds:g} s but the manifest {frame.nominal_s:g} s; shoot it again"
+                f"{frame.path}: EXIF says {raw.seconds:g} s, not {frame.nominal_s:g} s; correct it or shoot again"
             )
-        if frames and raw.planes.shape != frames[0].planes.shape:
-            raise InputError(f"{frame.path}: its size differs from that of {ordered[0].path.name}; shoot it again")
-        frames.append(raw)
+        if k == 0:
+            planes = np.empty((len(ordered), *raw.planes.shape), np.uint16)
+        _same(frame.path, raw, ordered[0].path, frames[0] if frames else raw, planes.shape[1:])
+        planes[k] = raw.planes
+        frames.append(replace(raw, planes=planes[k]))
     return Bracket(
         shot,
-        np.stack([frame.planes for frame in frames]),
+        planes,
         np.array([frame.black for frame in frames]),
         all(frame.masked for frame in frames),
         np.array([frame.nominal_s for frame in ordered]),
         frames[0].white,
+        frames[0].turns,
+        tuple(ordered),
     )
 
 
-def merge_bracket(bracket: Bracket, camera: Camera) -> tuple[Image, Flags]:
-    """Merge a bracket to one sample a superpixel: R, the mean of both greens, B.
+def _cut(raw: RawFrame, crop: Crop | None, path: Path) -> RawFrame:
+    """Part of a RAW frame, in superpixels."""
+    if crop is None:
+        return raw
+    height, width = raw.planes.shape[1:]
+    if crop.x + crop.width > width or crop.y + crop.height > height:
+        raise InputError(
+            f"{path}: is {width}x{height} superpixels, too small for the crop {crop}; choose a smaller one"
+        )
+    rows = slice(height - crop.y - crop.height, height - crop.y)
+    return replace(raw, planes=raw.planes[:, rows, crop.x : crop.x + crop.width])
 
-    Returns
-    -------
-    rate : (y, x, 3) float32
-        Counts a second.
-    flags : (y, x, 3) uint8
 
-    Raises
-    ------
-    InputError
-        An exposure is not the one that its name says.
-    """
-    black = site_black(bracket, camera.black, camera.masked)
-    seconds = _shot_seconds(bracket, black, camera)
-    merged = [estimate(bracket.planes[:, k], black[:, k], seconds, camera.response) for k in range(4)]
-    rate = np.stack([plane for plane, _ in merged])
-    sigma = np.stack([plane for _, plane in merged])
-    bad = np.zeros(rate.shape, bool)
-    bad[tuple(np.array(camera.bad, int).reshape(-1, 3).T)] = True
-    saturated = np.isinf(sigma)
-    good = ~bad[1:3]
-    good[:, ~good.any(0)] = True  # two bad greens: their mean, flagged
-    weight = good / good.sum(0)
-    with np.errstate(invalid="ignore"):
-        green = (weight * rate[1:3]).sum(0)
-        green_sigma = np.sqrt(np.where(good, weight * sigma[1:3], 0) ** 2).sum(0)
-    values = np.stack([rate[0], green, rate[3]], -1).astype(np.float32)
-    spread = np.stack([sigma[0], green_sigma, sigma[3]], -1)
-    full = np.stack([saturated[0], (saturated[1:3] & good).any(0), saturated[3]], -1)
-    hot = np.stack([bad[0], bad[1:3].all(0), bad[3]], -1)
-    flags = full * np.uint8(SATURATED) | (values < DARK_SIGMA * spread) * np.uint8(DARK) * ~full
-    return values, (flags | hot * np.uint8(HOT)).astype(np.uint8)
+def _same(path: Path, raw: RawFrame, first_path: Path, first: RawFrame, shape: tuple[int, ...]) -> None:
+    if raw.planes.shape != shape:
+        raise InputError(f"{path}: its size differs from that of {first_path.name}; shoot it again")
+    for what, value, other in (("ISO", raw.iso, first.iso), ("aperture", raw.aperture, first.aperture)):
+        if value and other and abs(value / other - 1) > APERTURE:
+            raise InputError(
+                f"{path}: has {what} {value:g} but {first_path.name} {other:g}; only the shutter time may change"
+            )
+    if raw.white != first.white:
+        raise InputError(
+            f"{path}: saturates at {raw.white:g} counts but {first_path.name} at {first.white:g}; they are of"
+            " different bit depths: shoot them alike"
+        )
+
+
+def _photographs(shot: Taken, ordered: list[Frame], decoder: Encoding | Curve, crop: Crop | None) -> Bracket:
+    """Bracket of photographs as counts of linear light, of which white has `FULL`."""
+    planes = np.empty((0,), np.uint16)
+    for k, frame in enumerate(ordered):
+        if frame.path.suffix.lower() == ".exr":
+            raise InputError(f"{frame.path}: is linear radiance already; give the photographs that it is made of")
+        light = decoder.decode(read_photograph(frame.path, parse("linear"), crop).light)
+        if k == 0:
+            planes = np.empty((len(ordered), 3, *light.shape[:2]), np.uint16)
+        if light.shape[:2] != planes.shape[2:]:
+            raise InputError(f"{frame.path}: its size differs from that of {ordered[0].path.name}; use one size")
+        planes[k] = (np.clip(light, 0, 1) * FULL + 0.5).astype(np.uint16).transpose(2, 0, 1)
+    white = float(decoder.decode(np.float32(CLIPPED)))
+    return Bracket(
+        shot,
+        planes,
+        np.zeros(len(ordered)),
+        False,
+        np.array([frame.nominal_s for frame in ordered]),
+        white * FULL,
+        frames=tuple(ordered),
+    )
 
 
 def site_black(bracket: Bracket, black: tuple[float, ...], masked: bool) -> NDArray[np.float64]:
-    """(exposure, 4) counts of darkness of each frame and site."""
+    """(exposure, plane) counts of darkness of each frame and site."""
     if masked and not bracket.masked:
         raise InputError(f"shot '{bracket.shot.shot}': its frames have no masked border, but the dark ones had")
-    return np.array(black) + (bracket.black[:, None] if masked else 0.0)
+    return np.array(black) + (bracket.black[:, None] if masked else np.zeros((len(bracket.black), 1)))
 
 
 def light_of(bracket: Bracket, black: NDArray[np.float64], exposure: int) -> Image:
@@ -180,31 +222,12 @@ def light_of(bracket: Bracket, black: NDArray[np.float64], exposure: int) -> Ima
     return bracket.planes[exposure, 1:3].astype(np.float32) - black[exposure, 1:3, None, None].astype(np.float32)
 
 
-def _shot_seconds(bracket: Bracket, black: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
-    """(exposure,) times of the frames of this shot, lamp and shutter as they were; their log mean is calibrated.
-
-    The calibrated ratio of two exposures is the prior, what this shot's pictures say the measurement.
-    """
-    calibrated = np.array([camera.seconds(nominal) for nominal in bracket.nominal_s])
-    seconds = calibrated.copy()
-    for k in range(len(seconds) - 1):
-        longer, shorter = light_of(bracket, black, k), light_of(bracket, black, k + 1)
-        top, bottom, sites = ratio_sums(longer, shorter, camera.response.clip)
-        shot_noise = max(bottom, 0) * camera.response.gain + sites * camera.response.read**2
-        noise = np.hypot(np.sqrt(shot_noise), sites * BLACK_ERROR)
-        off = 0.0
-        if sites >= 50 and bottom > 30 * noise:
-            off = top / bottom / (calibrated[k] / calibrated[k + 1]) - 1
-            if abs(off) > MISLABELLED:
-                frames = sorted(bracket.shot.frames, key=lambda frame: -frame.nominal_s)
-                raise InputError(
-                    f"{frames[k + 1].path}: is {1 / (1 + off):.2f} times as bright beside"
-                    f" {frames[k].path.name} as their exposures say; they are mislabelled or"
-                    " the lamp failed: shoot them again"
-                )
-            off *= FLICKER**2 / (FLICKER**2 + (noise / bottom) ** 2)
-        seconds[k + 1] = seconds[k] * (calibrated[k + 1] / calibrated[k]) / (1 + off)
-    return np.asarray(seconds * np.exp(np.mean(np.log(calibrated / seconds))))
+def read_shot(shot: Taken, calibration: Calibration) -> Bracket:
+    """Read the frames of a shot as its calibration says; errors as of `read_bracket`."""
+    decoder: Encoding | Curve | None = None
+    if calibration.encoding:
+        decoder = Curve(calibration.curve) if calibration.curve else parse(calibration.encoding)
+    return read_bracket(shot, decoder, parse_crop(calibration.crop))
 
 
 def read_light(shot: Taken, calibration: Calibration) -> tuple[Image, Flags]:

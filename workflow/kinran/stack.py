@@ -81,6 +81,10 @@ class Stack:
         Stack RGB (column) to linear ACEScg.
     noise
         Parameters of the noise model.
+    unit
+        What 1 means.
+    camera_mm
+        Where the camera's centre stands, from the field's centre; None when unknown.
     """
 
     path: Path
@@ -93,6 +97,8 @@ class Stack:
     colour: str
     to_acescg: NDArray[np.float64]
     noise: dict[str, Any]
+    unit: str
+    camera_mm: tuple[float, float, float] | None
     _arrays: tuple[Any, Any]
 
     @classmethod
@@ -127,6 +133,8 @@ class Stack:
                 values["colour"]["name"],
                 np.array(values["colour"]["to_acescg"], float).reshape(3, 3),
                 values["noise"],
+                values["unit"],
+                _vector(values["camera_mm"]) if values.get("camera_mm") else None,
                 arrays,
             )
         except (KeyError, ValueError, TypeError) as error:
@@ -219,22 +227,68 @@ def write_shards(folder: Path, first: int, radiance: Image, flags: Flags) -> lis
     """
     if first % SHARD or radiance.shape != flags.shape or radiance.ndim != 4 or radiance.shape[-1] != 3:
         raise ValueError(f"{radiance.shape} and {flags.shape} from light {first} are no whole shards")
+    with ShardWriter(folder, radiance.shape[1], radiance.shape[2]) as writer:
+        for picture, bits in zip(radiance, flags, strict=True):
+            writer.add(picture, bits)
+        return writer.write(first)
+
+
+class ShardWriter:
+    """Takes the pictures of neighbouring lights one after the other, then writes their shards.
+
+    What it is given goes to a scratch file beside the stack, so that a picture is all that it holds in memory.
+    """
+
+    def __init__(self, folder: Path, height: int, width: int) -> None:
+        self._folder, self._size, self._lights = folder, (height, width), 0
+        self._context = _scratch(folder)
+
+    def __enter__(self) -> "ShardWriter":
+        self._scratch = self._context.__enter__()
+        self._files = {name: (self._scratch / f"{name}.raw").open("wb") for name in NAMES}
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        for file in self._files.values():
+            file.close()
+        self._context.__exit__(*error)
+
+    def add(self, radiance: Image, flags: Flags) -> None:
+        """Add a picture (y, x, 3); values as of `write_shards`."""
+        if radiance.shape != (*self._size, 3) or flags.shape != radiance.shape:
+            raise ValueError(f"{radiance.shape} and {flags.shape} are no pictures of {self._size}")
+        for first in range(0, len(radiance), CHUNK):
+            rows = slice(first, first + CHUNK)
+            half, bits = _half(radiance[rows], flags[rows])
+            self._files["radiance"].write(half.tobytes())
+            self._files["flags"].write(bits.tobytes())
+        self._lights += 1
+
+    def write(self, first: int) -> list[Path]:
+        """Write the shards, of which `first` is the first light; returns the files."""
+        shape = (self._lights, *self._size, 3)
+        written = []
+        for name, dtype in zip(NAMES, ("float16", "uint8"), strict=True):
+            self._files[name].close()
+            raw = self._scratch / f"{name}.raw"
+            _create(self._scratch, name, shape, dtype)[:] = np.memmap(raw, dtype, "r", shape=shape)
+            raw.unlink()
+        for name in NAMES:
+            for k in range(-(-self._lights // SHARD)):
+                path = shard_path(self._folder, name, first // SHARD + k)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                shard_path(self._scratch, name, k).replace(path)
+                written.append(path)
+        return written
+
+
+def _half(radiance: Image, flags: Flags) -> tuple[NDArray[np.float16], Flags]:
+    """Values as float16 within its range, with flags for those that are outside."""
     values = np.asarray(radiance, np.float32)
     finite = np.isfinite(values)
     over = np.abs(values) > LARGEST
     bits = flags | np.where(finite, 0, HOT).astype(np.uint8) | np.where(finite & over, SATURATED, 0).astype(np.uint8)
-    half = np.clip(np.where(finite, values, 0), -LARGEST, LARGEST).astype(np.float16)
-    written = []
-    with _scratch(folder) as scratch:
-        for name, array in zip(NAMES, (half, bits), strict=True):
-            _create(scratch, name, array.shape, array.dtype.name)[:] = array
-        for name in NAMES:
-            for k in range(-(-len(half) // SHARD)):
-                path = shard_path(folder, name, first // SHARD + k)
-                path.parent.mkdir(parents=True, exist_ok=True)
-                shard_path(scratch, name, k).replace(path)
-                written.append(path)
-    return written
+    return np.clip(np.where(finite, values, 0), -LARGEST, LARGEST).astype(np.float16), bits
 
 
 def write_metadata(
@@ -248,6 +302,7 @@ def write_metadata(
     colour: str,
     to_acescg: ArrayLike,
     noise: dict[str, Any],
+    camera_mm: tuple[float, float, float] | None = None,
 ) -> None:
     """Write what makes shards a stack; parameters as the attributes of `Stack`."""
     attributes = {
@@ -259,7 +314,8 @@ def write_metadata(
         "crop": crop,
         "colour": {"name": colour, "to_acescg": np.asarray(to_acescg, float).tolist()},
         "noise": noise,
-        "unit": "1 is the encoding's white" if encoding else "pi T: a white diffuser that faces the lamp is 1",
+        "camera_mm": camera_mm,
+        "unit": unit_of(encoding, noise),
     }
     import zarr
 
@@ -304,6 +360,15 @@ def _create(folder: Path, name: str, shape: tuple[int, ...], dtype: str) -> Any:
         dimension_names=("light", "y", "x", "channel"),
         config={"write_empty_chunks": True},
     )
+
+
+def unit_of(encoding: str, noise: dict[str, Any]) -> str:
+    """What 1 means in a stack."""
+    if encoding:
+        return "1 is the encoding's white"
+    if noise.get("white") == "longest exposure":
+        return "1 is white at the longest exposure"
+    return "pi T: a white diffuser that faces the lamp is 1"
 
 
 def _light(value: dict[str, Any]) -> Light:

@@ -71,16 +71,32 @@ def virtual_rig(wildcards):
 def methods(wildcards):
     """Methods of a fabric that are judged; the first one makes its material."""
     photographs = wildcards.fabric in set_fabrics
-    with_residual = config["fit"]["residual"] == "all" or (config["fit"]["residual"] == "photographs" and photographs)
-    return ["slope-residual", *models] if with_residual and models[0] == "slope" else models
+    with_residual = config["fit"]["residual"] == "all" or (
+        config["fit"]["residual"] == "photographs" and photographs
+    )
+    return (
+        ["slope-residual", *models]
+        if with_residual and models[0] == "slope"
+        else models
+    )
 
 
 def need_of(wildcards):
     """What the scene needs of a fabric, where the fit asks for it; else nothing of the fit depends on the scene."""
-    return f"results/{wildcards.fabric}/need.json" if config["fit"]["regions"] == "needed" else []
+    asked = config["fit"]["regions"] == "needed"
+    return f"results/{wildcards.fabric}/need.json" if asked else []
+
+
+def lobes_option(wildcards):
+    """Lobes of the slope model; the other models know none of it."""
+    if getattr(wildcards, "model", "slope") != "slope":
+        return ""
+    return f"--lobes {config['fit']['lobes']} --tail {config['fit']['tail']}"
 
 
 def fitted_option(wildcards):
     """Which regions get a lobe: all, only the shiniest, which has the label 0, or those that the scene shows."""
-    needed = f"--need results/{wildcards.fabric}/need.json"
-    return {"all": "", "shiniest": "--fitted 0", "needed": needed}[config["fit"]["regions"]]
+    regions = config["fit"]["regions"]
+    if regions == "needed":
+        return f"--need {need_of(wildcards)}"
+    return "--fitted 0" if regions == "shiniest" else ""

@@ -32,10 +32,11 @@ rule prior:
     threads: workflow.cores
     params:
         stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        lobes=lobes_option,
         code=digest("kinran.fit.prior"),
     shell:
         "python -m kinran prior {output:q} --stack {params.stack:q} --labels {input.labels:q}"
-        " --regions {input.regions:q} --threads {threads} 2>&1 | tee {log}"
+        " --regions {input.regions:q} {params.lobes} --threads {threads} 2>&1 | tee {log}"
 
 
 rule fit:
@@ -63,11 +64,12 @@ rule fit:
             f"--prior {input.prior}" if input.get("prior") else ""
         ),
         fitted=fitted_option,
+        lobes=lobes_option,
         jobs=config["fit"]["jobs"],
         code=digest("kinran.fit.tile"),
     shell:
         "python -m kinran fit {output:q} --stack {params.stack:q} --labels {input.labels:q} --model {wildcards.model}"
-        " {params.prior} {params.fitted} --tile {wildcards.job}/{params.jobs} --threads {threads}"
+        " {params.prior} {params.fitted} {params.lobes} --tile {wildcards.job}/{params.jobs} --threads {threads}"
         " 2>&1 | tee {log}"
 
 
@@ -86,10 +88,11 @@ rule material:
     params:
         stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
         fitted=fitted_option,
+        lobes=lobes_option,
         code=digest("kinran.fit.join"),
     shell:
         "python -m kinran material {output.material:q} --stack {params.stack:q} --labels {input.labels:q}"
-        " --regions {input.regions:q} --model {wildcards.model} {params.fitted} --runs {input.runs:q}"
+        " --regions {input.regions:q} --model {wildcards.model} {params.lobes} {params.fitted} --runs {input.runs:q}"
         " --summary {output.summary:q} 2>&1 | tee {log}"
 
 
@@ -138,10 +141,14 @@ rule evaluate:
         labels="results/{fabric}/labels.exr",
         regions="results/{fabric}/regions.json",
         materials=lambda wildcards: expand(
-            "results/{fabric}/fit/{model}.exr", fabric=wildcards.fabric, model=methods(wildcards)
+            "results/{fabric}/fit/{model}.exr",
+            fabric=wildcards.fabric,
+            model=methods(wildcards),
         ),
         summaries=lambda wildcards: expand(
-            "results/{fabric}/fit/{model}.json", fabric=wildcards.fabric, model=methods(wildcards)
+            "results/{fabric}/fit/{model}.json",
+            fabric=wildcards.fabric,
+            model=methods(wildcards),
         ),
     output:
         errors="results/{fabric}/evaluation.json",

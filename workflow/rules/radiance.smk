@@ -12,7 +12,7 @@ rule calibrate:
     params:
         code=digest("kinran.calibrate"),
     shell:
-        "python -m kinran calibrate --plan {input.plan:q} --manifests {input.manifest:q} {output:q}"
+        "python -m kinran calibrate {output:q} --plan {input.plan:q} --manifests {input.manifest:q}"
         " 2>&1 | tee {log}"
 
 
@@ -32,9 +32,9 @@ rule merge:
         runtime=20,
     params:
         stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
-        code=digest("kinran.merge"),
+        code=digest("kinran.merge_group"),
     shell:
-        "python -m kinran merge --plan {input.plan:q} --calibration {input.calibration:q}"
+        "python -m kinran merge-group --plan {input.plan:q} --calibration {input.calibration:q}"
         " --manifest {input.manifest:q} --receipt {output:q} {params.stack:q} 2>&1 | tee {log}"
 
 

@@ -6,6 +6,7 @@ rule report:
         stack="results/{fabric}/radiance.zarr/zarr.json",
         labels="results/{fabric}/labels.exr",
         regions="results/{fabric}/regions.json",
+        need="results/{fabric}/need.json",
         statistics="results/{fabric}/statistics.exr",
         material="results/{fabric}/material.exr",
         errors="results/{fabric}/evaluation.json",

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from kinran.files import InputError, sha256, write_json
-from kinran.fit.tile import MODELS
+from kinran.fit.tile import MODELS, add_lobes
 from kinran.labels import read_labels, read_regions
+from kinran.needed import needed_labels
 from kinran.stack import Stack
 from kinran_bsdf.material import Material, write_material
 from kinran_bsdf.models import clamp
@@ -24,7 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--labels", type=Path, required=True, help="label map (.exr)")
     parser.add_argument("--regions", type=Path, required=True, help="regions (.json)")
     parser.add_argument("--model", choices=MODELS, required=True)
+    add_lobes(parser)
     parser.add_argument("--fitted", type=int, nargs="*", help="labels that have a lobe (default: all)")
+    parser.add_argument("--need", type=Path, help="instead of --fitted: what a scene needs (.json)")
     parser.add_argument("--runs", type=Path, nargs="+", required=True, help="fitted runs (.npz)")
     parser.add_argument("--summary", type=Path, required=True, help="cost and clamping of the fit (.json)")
     parser.add_argument("out", type=Path, help="material (.exr)")
@@ -34,6 +37,8 @@ def main(args: argparse.Namespace) -> None:
     """Write the material and a summary of what it cost."""
     stack = Stack.open(args.stack)
     labels = read_labels(args.labels)
+    if args.need:
+        args.fitted = needed_labels(args.need, labels)
     maps: dict[str, Map] = {}
     covered = np.zeros(labels.shape, bool)
     totals = {"cpu_seconds": 0.0, "read_seconds": 0.0}
@@ -53,8 +58,8 @@ def main(args: argparse.Namespace) -> None:
     material = Material(
         channels=channels,
         model=model,
-        tail="ggx",
-        lobes=0 if model == "lambert" else 1,
+        tail=args.tail if model == "slope" else "ggx",
+        lobes={"lambert": 0, "slope": args.lobes}.get(model, 1),
         regions=[
             {
                 "label": r.label,

@@ -18,9 +18,11 @@ LOBE_SIZE = 5
 DIFFUSE_SIZE = 2
 GAUSSIAN, GGX = 0, 1
 TAILS = {"gaussian": GAUSSIAN, "ggx": GGX}
+MAX_SLOPE = 1.2
+MAX_DIFFUSE_SLOPE = 1.0
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def lobe(tail: int, p: Array, sx: float, sy: float, derivative: Array) -> float:
     """Value of a lobe at half-vector slopes (sx, sy); its derivatives by `p` go into `derivative` (5,)."""
     dx, dy = sx - p[0], sy - p[1]
@@ -41,7 +43,7 @@ def lobe(tail: int, p: Array, sx: float, sy: float, derivative: Array) -> float:
     return g
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def diffuse(p: Array, lx: float, ly: float, lz: float, derivative: Array) -> float:
     """Cosine at the light (lx, ly, lz) to the unnormalised normal (p₀, p₁, 1), and its derivatives (2,)."""
     cosine = lz + p[0] * lx + p[1] * ly
@@ -50,6 +52,43 @@ def diffuse(p: Array, lx: float, ly: float, lz: float, derivative: Array) -> flo
         return 0.0
     derivative[0], derivative[1] = lx, ly
     return cosine
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def set_widths(p: Array, a: float, b: float, d: float, narrow: float, wide: float) -> None:
+    """Give the lobe `p` the matrix A = [[a, b], [b, d]] with its widths (1/e, along its axes) kept in bounds."""
+    low, high = 1.0 / (wide * wide), 1.0 / (narrow * narrow)
+    middle, radius = 0.5 * (a + d), math.hypot(0.5 * (a - d), b)
+    first, second = middle + radius, middle - radius
+    if not (first <= high and second >= low):
+        first, second = min(max(first, low), high), min(max(second, low), high)
+        scale = 0.5 * (first - second) / radius if radius > 0.0 else 0.0
+        middle = 0.5 * (first + second)
+        half, b = 0.5 * (a - d) * scale, b * scale
+        a, d = middle + half, middle - half
+    p[2] = 0.5 * math.log(a)
+    p[3] = b / math.sqrt(a)
+    # the determinant by the eigenvalues: d - b²/a would cancel for long thin lobes
+    p[4] = 0.5 * math.log(first * second / a)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def confine(p: Array, lobes: int, narrow: float, wide: float) -> None:
+    """Keep shapes in their bounds; a lobe that is not finite starts again in the middle, round."""
+    for k in range(lobes):
+        part = p[LOBE_SIZE * k : LOBE_SIZE * (k + 1)]
+        finite = math.isfinite(part.sum()) and abs(part[2]) < 30.0 and abs(part[4]) < 30.0
+        if not finite:
+            part[:] = 0.0
+            part[2] = part[4] = -0.5 * math.log(narrow * wide)
+        for i in range(2):
+            part[i] = min(max(part[i], -MAX_SLOPE), MAX_SLOPE)
+        ea, ec = math.exp(part[2]), math.exp(part[4])
+        set_widths(part, ea * ea, ea * part[3], part[3] * part[3] + ec * ec, narrow, wide)
+    for i in range(LOBE_SIZE * lobes, p.size):
+        if not math.isfinite(p[i]):
+            p[i] = 0.0
+        p[i] = min(max(p[i], -MAX_DIFFUSE_SLOPE), MAX_DIFFUSE_SLOPE)
 
 
 def squared_widths(p: Array) -> tuple[Array, Array, Array]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from kinran.files import write_json
 from kinran.fit import samples, slope
+from kinran.fit.tile import add_lobes
 from kinran.labels import read_labels, read_regions
 from kinran.stack import Stack
 
@@ -19,12 +20,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--stack", type=Path, required=True, help="radiance stack (.zarr)")
     parser.add_argument("--labels", type=Path, required=True, help="label map (.exr)")
     parser.add_argument("--regions", type=Path, required=True, help="regions (.json)")
+    add_lobes(parser)
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("out", type=Path, help="priors (.json)")
 
 
 def main(args: argparse.Namespace) -> None:
-    """Fit a sample of each region freely and write the medians."""
+    """Fit a sample of each region freely and write what they share."""
     stack = Stack.open(args.stack)
     labels = read_labels(args.labels)
     count = len(read_regions(args.regions))
@@ -40,7 +42,14 @@ def main(args: argparse.Namespace) -> None:
         T.append(tile.T[inside])
         W.append(tile.W[inside])
         region.append(samples.cut(labels, tile.box)[inside])
-    weights, regions = np.concatenate(W), np.concatenate(region)
-    fitted = slope.fit(np.concatenate(T), weights, samples.training_directions(stack), threads=args.threads)
-    priors = slope.region_priors(fitted, weights, regions, count)
+    priors = slope.learn_priors(
+        np.concatenate(T),
+        np.concatenate(W),
+        samples.training_directions(stack),
+        np.concatenate(region),
+        count,
+        args.tail,
+        args.lobes,
+        args.threads,
+    )
     write_json(args.out, [{"centre": p.centre.tolist(), "variance": p.variance} for p in priors])

@@ -63,7 +63,8 @@ def main(args: argparse.Namespace) -> None:
     material = read_material(args.material)
     lights = samples.training_directions(stack)
     domain = stack.encoding or f"log:{_peak(stack):.6g}"
-    choice = choose(stack, read_labels(args.labels), args.prior, domain, args.threads)
+    shape = material.tail, material.lobes
+    choice = choose(stack, read_labels(args.labels), args.prior, domain, shape, args.threads)
     summary = read_json(args.fitted)
     if choice.components:
         basis, weights = _components(stack, material, lights, domain, choice)
@@ -107,14 +108,17 @@ def _peak(stack: Stack) -> float:
     return max(float(np.percentile(samples.read(stack, box).T, 99.9)) for box in boxes[:: max(1, len(boxes) // 16)])
 
 
-def choose(stack: Stack, labels: NDArray[np.intp], prior: Path, domain: str, threads: int) -> Choice:
+def choose(
+    stack: Stack, labels: NDArray[np.intp], prior: Path, domain: str, shape: tuple[str, int], threads: int
+) -> Choice:
     """Share, components and smoothing with the best mean PSNR over lights left out, fold by fold.
 
-    Only training lights take part; the lobes are fitted anew in each fold.
+    Only training lights take part; lobes of `shape` (tail and number) are fitted anew in each fold.
     """
+    tail, count = shape
     T, W, region = _sample(stack, labels)
     lights = samples.training_directions(stack)
-    priors = [slope.Prior(np.array(row["centre"]), row["variance"]) for row in read_json(prior)]
+    priors = slope.read_priors(prior)
     shown = compress(T, domain).transpose(2, 0, 1).reshape(len(lights), -1)
     usable = np.repeat((W > 0).T, 3, axis=1).astype(np.float32)
     fold = np.random.default_rng(0).permutation(len(lights)) % (FOLDS if len(lights) <= MANY_LIGHTS else FEW_FOLDS)
@@ -125,11 +129,13 @@ def choose(stack: Stack, labels: NDArray[np.intp], prior: Path, domain: str, thr
             np.ascontiguousarray(T[..., train]),
             np.ascontiguousarray(W[:, train]),
             lights[train],
+            tail,
+            count,
             priors=priors,
             region=region,
             threads=threads,
         )
-        lobes = compress(predict(fitted, lights), domain).transpose(2, 0, 1).reshape(len(lights), -1)
+        lobes = compress(predict(fitted, lights, tail), domain).transpose(2, 0, 1).reshape(len(lights), -1)
         for key, predicted in _candidates(shown, lobes, lights, domain, train, test):
             errors = [_psnr(p, g, u) for p, g, u in zip(predicted, shown[test], usable[test], strict=True)]
             scores.setdefault(key, []).extend(errors)

@@ -1,48 +1,44 @@
-"""The `slope` model fitted to a block of texels: bounds, weights, prior, threads."""
+"""The `slope` model fitted to a block of texels: bounds, weights, starts, threads."""
 
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from kinran import frames
-from kinran.fit.lobes import DIFFUSE_SIZE, LOBE_SIZE, TAILS
-from kinran.fit.varpro import fit_block, shape_count
+from kinran.files import read_json
+from kinran.fit import fused
+from kinran.fit.lobes import DIFFUSE_SIZE, GGX, LOBE_SIZE, TAILS, squared_widths
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.float32]
 
-ITERATIONS = 25
-BLOCK = 256
-MAX_SLOPE = 1.2
+ITERATIONS = 12
+TOLERANCE = 1e-4
+BLOCK = 64
+"""Texels of a job of a thread: their samples stay in its cache."""
 MAX_WIDTH = 2.0
-PRIOR_SD = (0.3, 0.3, 0.35, 3.0, 0.35)
+NARROWEST = {1: 0.02, 2: 0.05}
+"""Smallest width allowed by the number of lobes: two find needles between lights that one does not."""
+SCOUTS = 2
+"""Iterations of the lone GGX lobe that two lobes start from."""
+NEEDLE = {1: 0.5, 2: 0.6}
+"""Share of the distance of two lights below which a lobe is a needle between them."""
+PAIR = (math.sqrt(2.0), math.sqrt(0.384))
+"""Factors of the widths' inverses that make two Gaussians, 0.76 and 0.21 high, of a GGX lobe (to 3 %)."""
+PRIOR_SD = (0.3, 0.3, 0.06, 0.3, 0.06)
 DIFFUSE_SD = 0.3
-PRIOR_STRENGTH = 10.0
-
-
-@dataclass(frozen=True)
-class Prior:
-    """A region's prior on the shapes of its texels.
-
-    Attributes
-    ----------
-    centre : (K,) float
-        Median shape of the region.
-    variance
-        Mean weighted squared residual of a sample: how far the model is from the data in this region.
-    """
-
-    centre: Array
-    variance: float
-
-    def stiffness(self) -> Array:
-        """Weights ρ (K,) of Σ ρ_k (p_k - p̄_k)², so that directions that are many outvote it."""
-        lobes = (self.centre.size - DIFFUSE_SIZE) // LOBE_SIZE
-        sd = np.array(PRIOR_SD * lobes + (DIFFUSE_SD,) * DIFFUSE_SIZE)
-        return PRIOR_STRENGTH * self.variance / sd**2
+HOLD = 10.0
+"""Variance, over the mean square of the samples, whose prior holds the shapes at their region's."""
+TRUSTED = 12.0
+POOLED = 0.6
+"""Share of the resolution of one texel that a region resolves: its facets are turned to see between the lights."""
+FEW = 150
+"""With fewer lights a lobe may stand between them: a second start is tried, at the brightest sample."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +48,7 @@ class SlopeFit:
     Attributes
     ----------
     shapes : (texel, K) float64
-        (μ_x, μ_y, α, β, γ) a lobe, then the slopes of the diffuse normal.
+        (μ_x, μ_y, α, β, γ) a lobe, the narrower lobe first, then the slopes of the diffuse normal.
     colours : (texel, lobes + 1, 3) float64
         Amplitudes of the lobes and of the diffuse term, in the unit of the samples.
     cost : (texel,) float64
@@ -64,25 +60,55 @@ class SlopeFit:
     cost: Array
 
 
-def resolution(lights: Array) -> float:
+@dataclass(frozen=True)
+class Prior:
+    """A region's prior on the shapes of its texels: F + Σ ρ_k (p_k - p̄_k)².
+
+    It is worth one sample that sees nothing but the shapes. Many directions outvote it; as they get few, it takes
+    over, up to one shape for the region.
+
+    Attributes
+    ----------
+    centre : (K,) float
+        Median shape of the region.
+    variance
+        Mean weighted squared residual of a sample about lobes of this shape.
+    """
+
+    centre: Array
+    variance: float
+
+    @property
+    def lobes(self) -> int:
+        """Number of lobes."""
+        return (self.centre.size - DIFFUSE_SIZE) // LOBE_SIZE
+
+    def stiffness(self) -> Array:
+        """Weights ρ (K,)."""
+        return self.variance / np.array(PRIOR_SD * self.lobes + (DIFFUSE_SD,) * DIFFUSE_SIZE) ** 2
+
+    def narrow(self, resolved: float) -> float:
+        """Smallest width of a lobe: what one texel resolves, or the region's if all of it show it to be smaller."""
+        widths = [_narrowest(self.centre[LOBE_SIZE * k : LOBE_SIZE * (k + 1)]) for k in range(self.lobes)]
+        return min(resolved, *widths)
+
+
+def read_priors(path: Path) -> list[Prior]:
+    """Priors of the regions, as the stage `prior` writes them."""
+    return [Prior(np.array(row["centre"], float), float(row["variance"])) for row in read_json(path)]
+
+
+def resolution(lights: Array, lobes: int = 1) -> float:
     """Smallest lobe width (1/e, in slopes) that light directions (n, 3) can tell from a needle between two.
 
-    It is 0.6 of the median distance to the nearest other light in slope space, at least 0.02.
+    It is half of the median distance to the nearest other light in slope space, more for two lobes, and at least
+    0.02 or 0.05.
     """
     s = frames.slopes(lights)
     if len(s) < 2:
         return MAX_WIDTH / 2
-    distance = np.linalg.norm(s[:, None] - s[None], axis=-1)
-    np.fill_diagonal(distance, np.inf)
-    return float(np.clip(0.6 * np.median(distance.min(1)), 0.02, MAX_WIDTH / 2))
-
-
-def bounds(lights: Array, lobes: int) -> tuple[Array, Array]:
-    """Lower and upper bounds (K,) of the shapes."""
-    narrow, wide = -math.log(resolution(lights)), -math.log(MAX_WIDTH)
-    low = [-MAX_SLOPE, -MAX_SLOPE, wide, -60.0, wide] * lobes + [-1.0] * DIFFUSE_SIZE
-    high = [MAX_SLOPE, MAX_SLOPE, narrow, 60.0, narrow] * lobes + [1.0] * DIFFUSE_SIZE
-    return np.array(low), np.array(high)
+    nearest = cKDTree(s).query(s, 2)[0][:, 1]
+    return float(np.clip(NEEDLE[lobes] * np.median(nearest), NARROWEST[lobes], MAX_WIDTH / 2))
 
 
 def fit(
@@ -94,6 +120,10 @@ def fit(
     priors: list[Prior] | None = None,
     region: NDArray[np.intp] | None = None,
     threads: int = 1,
+    bent: bool = True,
+    iterations: int = ITERATIONS,
+    start: Array | None = None,
+    narrow: float | None = None,
 ) -> SlopeFit:
     """Fit lobes in slope space and a diffuse term to each texel.
 
@@ -113,54 +143,215 @@ def fit(
         A prior for each region and the region (texel,) of each texel; without them every texel stands alone.
     threads
         Of the machine; the result does not depend on it.
+    bent
+        Whether the diffuse term has a normal of its own; otherwise it is N.
+    iterations
+        At most.
+    start : (texel, K)
+        Shapes to start from; by default from the moments of the highlight.
+    narrow
+        Smallest width of a lobe; by default what the lights resolve.
     """
-    count, n = len(T), len(lights)
-    lights = np.ascontiguousarray(lights, float)
-    s = np.ascontiguousarray(frames.slopes(lights))
-    W = np.where(np.isfinite(T).all(1), W, 0).astype(np.float32)
-    low, high = bounds(lights, lobes)
-    size = shape_count(lobes)
+    count = len(T)
+    assert T.shape == (count, 3, len(lights))
+    grid = _Lights.of(lights)
+    least = np.full(count, resolution(lights, lobes) if narrow is None else max(narrow, NARROWEST[lobes]))
+    size = LOBE_SIZE * lobes + DIFFUSE_SIZE
     centre, stiffness = np.zeros((count, size)), np.zeros((count, size))
     if priors is not None and region is not None:
         centre = np.stack([p.centre for p in priors])[region]
         stiffness = np.stack([p.stiffness() for p in priors])[region]
-    P, C, F = np.zeros((count, size)), np.zeros((count, lobes + 1, 3)), np.zeros(count)
+        least = np.array([max(p.narrow(least[0]), NARROWEST[lobes]) for p in priors])[region] if count else least
+    solve = _Solver(TAILS[tail], lobes, bent)
 
-    def block(start: int) -> None:
-        at = slice(start, min(start + BLOCK, count))
-        fit_block(
-            TAILS[tail],
-            lobes,
-            T[at],
-            W[at],
-            s,
-            lights,
-            low,
-            high,
-            centre[at],
-            stiffness[at],
-            ITERATIONS,
-            P[at],
-            C[at],
-            F[at],
-        )
+    def block(at: slice) -> SlopeFit:
+        prior = _Given(least[at], centre[at], stiffness[at])
+        if start is not None:
+            return _run(solve, T[at], W[at], grid, prior, iterations, start[at])
+        if lobes == 2:
+            nothing = np.zeros((len(T[at]), LOBE_SIZE + DIFFUSE_SIZE))
+            single = _run(_Solver(GGX, 1, False), T[at], W[at], grid, _Given(least[at], nothing, nothing), SCOUTS, None)
+            first = _pair(single.shapes)
+        else:
+            first = None
+        result = _run(solve, T[at], W[at], grid, prior, iterations, first)
+        if len(lights) < FEW:
+            again = _at_brightest(result.shapes, T[at], W[at], grid, prior)
+            other = _run(solve, T[at], W[at], grid, prior, iterations, again)
+            result = _better(result, other, prior)
+        return result
 
-    assert T.shape == (count, 3, n)
+    slices = [slice(k, min(k + BLOCK, count)) for k in range(0, count, BLOCK)]
     with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(block, range(0, count, BLOCK)))
-    return SlopeFit(P, C, F)
+        parts = list(pool.map(block, slices))
+    if not parts:
+        return SlopeFit(np.zeros((0, size)), np.zeros((0, lobes + 1, 3)), np.zeros(0))
+    return _sorted(
+        SlopeFit(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("shapes", "colours", "cost")))
+    )
 
 
 def region_priors(fitted: SlopeFit, W: Samples, region: NDArray[np.intp], regions: int) -> list[Prior]:
-    """Priors of regions from free fits of a sample of their texels: medians of shape and of residual."""
+    """Priors of regions from free fits of a sample of their texels: medians of shape, means of residual.
+
+    The texels with the fewest samples left out, such as saturated ones, speak for their region.
+    """
     priors = []
-    samples = np.maximum((W > 0).sum(1) * 3.0, 1.0)
+    usable = (W > 0).sum(1)
+    numbers = fitted.shapes.shape[1] + 3 * fitted.colours.shape[1]
     for k in range(regions):
-        inside = region == k
-        priors.append(
-            Prior(
-                np.median(fitted.shapes[inside], 0),
-                max(float(np.median(fitted.cost[inside] / samples[inside])), 1e-12),
-            )
-        )
+        inside = np.flatnonzero(region == k)
+        telling = inside[usable[inside] >= np.median(usable[inside])] if len(inside) else np.arange(len(region))
+        freedom = np.maximum(3.0 * usable[telling] - numbers, 1.0)
+        variance = float(np.mean(fitted.cost[telling] / freedom))
+        priors.append(Prior(np.median(fitted.shapes[telling], 0), max(variance, 1e-12)))
     return priors
+
+
+def learn_priors(
+    T: Samples,
+    W: Samples,
+    lights: Array,
+    region: NDArray[np.intp],
+    regions: int,
+    tail: str = "ggx",
+    lobes: int = 1,
+    threads: int = 1,
+    bent: bool = True,
+) -> list[Prior]:
+    """Priors of regions from a sample of their texels; parameters as in `fit`.
+
+    Centres come from free fits, variances from fits that are held at these centres: a free fit to few samples
+    leaves too little of them. Where shapes differ within the region, held fits leave too much; `TRUSTED` times what
+    free fits leave is the most.
+    """
+    finer = POOLED * resolution(lights, lobes)
+    free = fit(T, W, lights, tail, lobes, threads=threads, bent=bent, narrow=finer)
+    loose = region_priors(free, W, region, regions)
+    hold = HOLD * float(np.mean(np.square(T, where=W[:, None] > 0, out=np.zeros_like(T)), dtype=float))
+    given = [Prior(p.centre, hold) for p in loose]
+    tight = region_priors(fit(T, W, lights, tail, lobes, given, region, threads, bent), W, region, regions)
+    return [Prior(p.centre, min(held.variance, TRUSTED * p.variance)) for p, held in zip(loose, tight, strict=True)]
+
+
+@dataclass(frozen=True)
+class _Solver:
+    """What is solved for."""
+
+    tail: int
+    lobes: int
+    bent: bool
+
+
+@dataclass(frozen=True)
+class _Given:
+    """What is known of each texel's shapes before its samples: bounds and prior."""
+
+    narrow: Array
+    centre: Array
+    stiffness: Array
+
+
+@dataclass(frozen=True)
+class _Lights:
+    """Lights as the solver takes them."""
+
+    slopes: Samples
+    directions: Samples
+    solid: Samples
+
+    @classmethod
+    def of(cls, lights: Array) -> "_Lights":
+        directions = np.asarray(lights, float)
+        # the solid angle that a direction of a polar grid stands for
+        solid = np.sqrt(np.maximum(1 - directions[:, 2] ** 2, 0)) + 0.02
+        return cls(
+            np.ascontiguousarray(frames.slopes(directions).T, np.float32),
+            np.ascontiguousarray(directions.T, np.float32),
+            solid.astype(np.float32),
+        )
+
+
+def _narrowest(lobe: Array) -> float:
+    """Smallest width (1/e) of a lobe (5,), along its axes."""
+    xx, xy, yy = (float(w) for w in squared_widths(lobe))
+    return math.sqrt(max(0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy), 1e-12))
+
+
+def _run(
+    solver: _Solver,
+    T: Samples,
+    W: Samples,
+    lights: _Lights,
+    given: _Given,
+    iterations: int,
+    start: Array | None,
+) -> SlopeFit:
+    """One descent from a start."""
+    count, size = len(T), LOBE_SIZE * solver.lobes + DIFFUSE_SIZE
+    P = np.zeros((count, size)) if start is None else np.array(start, float)
+    C, F = np.zeros((count, solver.lobes + 1, 3)), np.zeros(count)
+    fused.fit_block(
+        solver.tail,
+        solver.lobes,
+        solver.bent,
+        T,
+        W,
+        lights.slopes,
+        lights.directions,
+        lights.solid,
+        given.narrow,
+        MAX_WIDTH,
+        given.centre,
+        given.stiffness,
+        iterations,
+        TOLERANCE,
+        start is not None,
+        P,
+        C,
+        F,
+    )
+    return SlopeFit(P, C, F)
+
+
+def _pair(shapes: Array) -> Array:
+    """Start of two Gaussian lobes from one of GGX."""
+    parts = []
+    for factor in PAIR:
+        part = shapes[:, :LOBE_SIZE].copy()
+        part[:, [2, 4]] += math.log(factor)
+        part[:, 3] *= factor
+        parts.append(part)
+    return np.concatenate([*parts, shapes[:, LOBE_SIZE:]], 1)
+
+
+def _at_brightest(shapes: Array, T: Samples, W: Samples, lights: _Lights, given: _Given) -> Array:
+    """Start with the first lobe at the brightest sample, and with the prior's shapes where there is one."""
+    start = np.where(given.stiffness > 0, given.centre, shapes)
+    brightest = np.where(W > 0, T.mean(1), -np.inf).argmax(1)
+    start[:, :2] = lights.slopes.T[brightest]
+    return start
+
+
+def _better(one: SlopeFit, other: SlopeFit, given: _Given) -> SlopeFit:
+    """Of two fits of each texel, the one of less cost and penalty."""
+    total = [f.cost + (given.stiffness * (f.shapes - given.centre) ** 2).sum(1) for f in (one, other)]
+    take = total[1] < total[0]
+    return SlopeFit(
+        np.where(take[:, None], other.shapes, one.shapes),
+        np.where(take[:, None, None], other.colours, one.colours),
+        np.where(take, other.cost, one.cost),
+    )
+
+
+def _sorted(fitted: SlopeFit) -> SlopeFit:
+    """The narrower of two lobes first."""
+    P, C = fitted.shapes, fitted.colours
+    if C.shape[1] == 3:
+        swap = P[:, 2] + P[:, 4] < P[:, 7] + P[:, 9]
+        order = np.r_[
+            np.arange(LOBE_SIZE, 2 * LOBE_SIZE), np.arange(LOBE_SIZE), 2 * LOBE_SIZE + np.arange(DIFFUSE_SIZE)
+        ]
+        P[swap] = P[swap][:, order]
+        C[swap] = C[swap][:, [1, 0, 2]]
+    return fitted

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran import frames
+from kinran.fit import separable
 
 Array = NDArray[np.float64]
 
@@ -75,3 +76,39 @@ def _width(x: Array, fall: Array, used: NDArray[np.bool_], low: float, high: flo
     top, bottom = (square**2).sum(1), (square * fall).sum(1)
     width = np.sqrt(top / np.maximum(bottom, 1e-12))
     return np.where(bottom > 0, np.clip(width, low, high), default)
+
+
+LOW, HIGH = np.array([-0.2, -1e3, np.log(0.01), np.log(0.02)]), np.array([1.2, 1e3, np.log(3.0), np.log(FLAT)])
+"""Bounds of θ_n, φ_n, log dt and log dp in the joint fit."""
+
+
+def joint(
+    T: NDArray[np.float32], W: NDArray[np.float32], lights: Array, start: TakedaFit, wrap: bool = True
+) -> TakedaFit:
+    """Fit Eq. 3 by non-linear least squares over all samples, which the four steps only sample.
+
+    Parameters
+    ----------
+    T, W : (texel, 3, light), (texel, light) float32
+        Radiance samples and their weights.
+    lights : (light, 3) float
+        Unit directions.
+    start
+        From the four steps.
+    wrap
+        Whether φ_h − φ_n is wrapped to [−π, π]; the formula as printed does not say so.
+    """
+    half = frames.half_vector(lights)
+    theta, phi = frames.angles(half)
+
+    def lobe(p: Array) -> tuple[Array, Array]:
+        theta_n, phi_n, dt, dp = p[:, :1], p[:, 1:2], np.exp(p[:, 2:3]), np.exp(p[:, 3:])
+        turn = frames.wrap(phi - phi_n) if wrap else phi - phi_n
+        a, b = (theta - theta_n) / dt, turn / dp
+        G = np.exp(-a * a - b * b)
+        return G, 2 * G[:, None] * np.stack([a / dt, b / dp, a * a, b * b], 1)
+
+    first = np.concatenate([start.shapes[:, :2], np.log(start.shapes[:, 2:])], 1)
+    found = separable.fit(lobe, first[:, None], T, W, lights[:, 2], LOW, HIGH)
+    shapes = found.shapes[:, 0]
+    return TakedaFit(np.concatenate([shapes[:, :2], np.exp(shapes[:, 2:])], 1), found.colours)

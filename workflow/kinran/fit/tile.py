@@ -4,15 +4,17 @@ import argparse
 import resource
 import sys
 import time
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.files import atomic, read_json
+from kinran.files import InputError, atomic
 from kinran.fit import lambert, samples, slope, takeda
-from kinran.fit.lobes import squared_widths
+from kinran.fit.lobes import DIFFUSE_SIZE, LOBE_SIZE, TAILS, squared_widths
 from kinran.labels import read_labels
+from kinran.needed import needed_labels
 from kinran.stack import Stack
 
 LEAST_SAMPLES = 4
@@ -28,15 +30,23 @@ SHAPES = {
 Channels = dict[str, NDArray[np.float64]]
 
 
+def add_lobes(parser: argparse.ArgumentParser) -> None:
+    """Arguments that say what lobes the slope model has."""
+    parser.add_argument("--lobes", type=int, choices=(1, 2), default=1, help="lobes of the slope model")
+    parser.add_argument("--tail", choices=tuple(TAILS), default="ggx", help="tail of the slope model's lobes")
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the stage."""
     parser.add_argument("--stack", type=Path, required=True, help="radiance stack (.zarr)")
     parser.add_argument("--labels", type=Path, required=True, help="label map (.exr)")
     parser.add_argument("--model", choices=MODELS, required=True)
+    add_lobes(parser)
     parser.add_argument("--prior", type=Path, help="priors of the regions (.json), for slope")
     parser.add_argument(
         "--fitted", type=int, nargs="*", help="labels that get a lobe (default: all); the rest stay a texture"
     )
+    parser.add_argument("--need", type=Path, help="instead of --fitted: what a scene needs (.json)")
     parser.add_argument("--tile", default="0/1", help="which run of tiles: INDEX/COUNT, from 0")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("out", type=Path, help="parameters of the run's texels (.npz)")
@@ -46,13 +56,17 @@ def main(args: argparse.Namespace) -> None:
     """Fit the run and write its parameters, with the CPU seconds that they took."""
     stack = Stack.open(args.stack)
     labels = read_labels(args.labels)
+    if args.need:
+        args.fitted = needed_labels(args.need, labels)
     priors = None
     if args.prior:
-        priors = [slope.Prior(np.array(row["centre"]), row["variance"]) for row in read_json(args.prior)]
+        priors = slope.read_priors(args.prior)
+        if any(prior.lobes != args.lobes for prior in priors):
+            raise InputError(f"{args.prior}: is of another number of lobes than {args.lobes}; make it again")
     boxes = samples.share(stack.tiles(), args.tile)
     done, total = 0, sum((y1 - y0) * (x1 - x0) for y0, y1, x0, x1 in boxes)
     parts: list[Channels] = []
-    _warm_up(args.model)
+    _warm_up(args)
     start, reading = time.process_time(), 0.0
     for box in boxes:
         before = time.process_time()
@@ -89,10 +103,11 @@ def _fit(
     if model == "lambert":
         return _channels((), np.zeros((len(region), 0)), lambert.fit(tile.T, tile.W, lights)[:, None])
     if model == "slope":
-        result = slope.fit(tile.T, tile.W, lights, priors=priors, region=region, threads=args.threads)
-        lobe = np.stack([result.shapes[:, 0], result.shapes[:, 1], *squared_widths(result.shapes[:, :5])], 1)
-        channels = _channels(SHAPES[model], lobe, result.colours)
-        channels["diffuse.x"], channels["diffuse.y"] = result.shapes[:, 5], result.shapes[:, 6]
+        result = slope.fit(tile.T, tile.W, lights, args.tail, args.lobes, priors, region, args.threads)
+        lobes = [result.shapes[:, LOBE_SIZE * k : LOBE_SIZE * (k + 1)] for k in range(args.lobes)]
+        shapes = [np.stack([p[:, 0], p[:, 1], *squared_widths(p)], 1) for p in lobes]
+        channels = _channels(SHAPES[model], np.concatenate(shapes, 1), result.colours)
+        channels["diffuse.x"], channels["diffuse.y"] = result.shapes[:, -DIFFUSE_SIZE:].T
     else:
         steps = takeda.four_steps(tile.T, lights, *_tolerances(stack))
         channels = _channels(SHAPES[model], steps.shapes, steps.colours)
@@ -102,9 +117,10 @@ def _fit(
 
 
 def _channels(names: tuple[str, ...], shapes: NDArray[np.float64], colours: NDArray[np.float64]) -> Channels:
-    """Name the shapes (texel, K) of a lobe and the colours (texel, lobes + 1, 3)."""
-    channels = {f"lobe1.{name}": shapes[:, k] for k, name in enumerate(names)}
-    for k, part in enumerate(["lobe1", "diffuse"][-colours.shape[1] :]):
+    """Name the shapes (texel, lobes × K) and the colours (texel, lobes + 1, 3)."""
+    lobes = [f"lobe{k + 1}" for k in range(colours.shape[1] - 1)]
+    channels = {f"{lobe}.{name}": shapes[:, k] for k, (lobe, name) in enumerate(product(lobes, names))}
+    for k, part in enumerate([*lobes, "diffuse"]):
         channels.update({f"{part}.{c}": colours[:, k, i] for i, c in enumerate("RGB")})
     channels["diffuse.x"] = channels["diffuse.y"] = np.zeros(len(colours))
     return channels
@@ -113,7 +129,8 @@ def _channels(names: tuple[str, ...], shapes: NDArray[np.float64], colours: NDAr
 def _leave_as_texture(channels: Channels, plain: NDArray[np.bool_], colour: NDArray[np.float64]) -> None:
     """Give the texels that are not fitted no lobe and their Lambertian colour (Takeda2008, §4)."""
     for i, c in enumerate("RGB"):
-        channels[f"lobe1.{c}"] = np.where(plain, 0, channels[f"lobe1.{c}"])
+        for lobe in {name.split(".")[0] for name in channels if name.startswith("lobe")}:
+            channels[f"{lobe}.{c}"] = np.where(plain, 0, channels[f"{lobe}.{c}"])
         channels[f"diffuse.{c}"] = np.where(plain, colour[:, i], channels[f"diffuse.{c}"])
     for name in ("diffuse.x", "diffuse.y"):
         channels[name] = np.where(plain, 0, channels[name])
@@ -129,8 +146,9 @@ def _tolerances(stack: Stack) -> tuple[float, float]:
     return float(np.radians(0.5 * np.median(np.diff(thetas)))), float(1.02 * np.pi / azimuths)
 
 
-def _warm_up(model: str) -> None:
+def _warm_up(args: argparse.Namespace) -> None:
     """Compile before the clock starts."""
-    if model == "slope":
+    if args.model == "slope":
         lights = np.array([[0.0, 0.0, 1.0], [0.5, 0.0, 0.75**0.5], [0.0, 0.5, 0.75**0.5]])
-        slope.fit(np.ones((1, 3, 3), np.float32), np.ones((1, 3), np.float32), lights)
+        slope.fit(np.ones((1, 3, 3), np.float32), np.ones((1, 3), np.float32), lights, args.tail, args.lobes)
+    samples.texels_first(np.ones((1, 1, 1, 3), np.float32), np.zeros((1, 1, 1, 3), np.uint8), np.ones(256, np.float32))

@@ -1,4 +1,6 @@
-"""Variable projection: lobes and a diffuse term fitted to one texel at a time.
+"""Variable projection in double precision, the reference of `kinran.fit.fused`.
+
+Lobes and a diffuse term are fitted to one texel at a time:
 
 T_c(light) = Σ_k C_k,c G_k(l; p_k) with C ≥ 0 (Takeda2008, Eq. 3, with its lobe in slope space). The linear C are
 eliminated by non-negative least squares per channel, the shapes p found by Levenberg-Marquardt with Kaufman's
@@ -11,77 +13,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from kinran.fit.lobes import DIFFUSE_SIZE, LOBE_SIZE, diffuse, lobe
+from kinran.fit.linear import RIDGE, cholesky_solve, nonnegative
+from kinran.fit.lobes import DIFFUSE_SIZE, LOBE_SIZE, confine, diffuse, lobe
 
 Array = NDArray[np.float64]
 
-MAX_COLUMNS = 3
 DAMPING_START, DAMPING_DOWN, DAMPING_UP = 1e-2, 0.2, 6.0
 TRIES = 6
 TOLERANCE = 1e-5
-RIDGE = 1e-9
-
-
-@njit(cache=True, nogil=True)
-def cholesky_solve(A: Array, b: Array, n: int, L: Array, x: Array) -> bool:
-    """Solve the leading n×n system of symmetric A; False where A is not positive definite."""
-    for i in range(n):
-        for j in range(i + 1):
-            s = A[i, j]
-            for k in range(j):
-                s -= L[i, k] * L[j, k]
-            if i == j:
-                if not s > 1e-300:
-                    return False
-                L[i, i] = math.sqrt(s)
-            else:
-                L[i, j] = s / L[j, j]
-    for i in range(n):
-        s = b[i]
-        for k in range(i):
-            s -= L[i, k] * x[k]
-        x[i] = s / L[i, i]
-    for i in range(n - 1, -1, -1):
-        s = x[i]
-        for k in range(i + 1, n):
-            s -= L[k, i] * x[k]
-        x[i] = s / L[i, i]
-    return True
-
-
-@njit(cache=True, nogil=True)
-def nonnegative(A: Array, b: Array, m: int, x: Array) -> float:
-    """Minimise xᵀAx - 2bᵀx over x ≥ 0 by trying every active set (m ≤ 3); returns the minimum."""
-    best = 0.0
-    x[:m] = 0.0
-    sub, right, L, y = np.empty((m, m)), np.empty(m), np.empty((m, m)), np.empty(m)
-    index = np.empty(m, np.int64)
-    for free in range((1 << m) - 1, 0, -1):
-        n = 0
-        for i in range(m):
-            if (free >> i) & 1:
-                index[n] = i
-                n += 1
-        for i in range(n):
-            right[i] = b[index[i]]
-            for j in range(n):
-                sub[i, j] = A[index[i], index[j]]
-            sub[i, i] = sub[i, i] * (1.0 + RIDGE) + 1e-14
-        if not cholesky_solve(sub, right, n, L, y):
-            continue
-        value = 0.0
-        feasible = True
-        for i in range(n):
-            feasible &= y[i] >= 0.0
-            value -= y[i] * right[i]
-        if feasible and value < best:
-            best = value
-            x[:m] = 0.0
-            for i in range(n):
-                x[index[i]] = y[i]
-        if feasible and free == (1 << m) - 1:
-            break
-    return best
 
 
 @njit(cache=True, nogil=True)
@@ -120,9 +59,9 @@ def project(
     for a in range(m):
         for c in range(a):
             A[c, a] = A[a, c]
-    x = np.empty(m)
+    x, work = np.empty(m), np.empty((2 * m + 3, m))
     for c in range(3):
-        total += nonnegative(A, b[c], m, x)
+        total += nonnegative(A, b[c], m, x, work)
         for a in range(m):
             C[a, c] = x[a]
     return max(total, 0.0)
@@ -178,15 +117,6 @@ def normal_equations(
 
 
 @njit(cache=True, nogil=True)
-def clamp(p: Array, low: Array, high: Array) -> None:
-    """Keep shapes inside their bounds; what is not finite becomes their middle."""
-    for k in range(p.size):
-        if not math.isfinite(p[k]):
-            p[k] = 0.5 * (low[k] + high[k])
-        p[k] = min(max(p[k], low[k]), high[k])
-
-
-@njit(cache=True, nogil=True)
 def penalty(p: Array, centre: Array, stiffness: Array) -> float:
     """Σ ρ_k (p_k - p̄_k)²."""
     total = 0.0
@@ -204,8 +134,8 @@ def fit_texel(
     w: Array,
     s: Array,
     light: Array,
-    low: Array,
-    high: Array,
+    narrow: float,
+    wide: float,
     centre: Array,
     stiffness: Array,
     iterations: int,
@@ -215,7 +145,7 @@ def fit_texel(
     n, K, m = w.size, p.size, lobes + 1
     G, D, A, H = np.empty((n, m)), np.empty((n, K)), np.empty((m, m)), np.empty((K, K))
     g, step, trial, damped, L = np.empty(K), np.empty(K), np.empty(K), np.empty((K, K)), np.empty((K, K))
-    clamp(p, low, high)
+    confine(p, lobes, narrow, wide)
     cost = project(tail, lobes, p, Y, w, s, light, G, D, A, C) + penalty(p, centre, stiffness)
     damping = DAMPING_START
     for _ in range(iterations):
@@ -232,7 +162,7 @@ def fit_texel(
             if cholesky_solve(damped, g, K, L, step):
                 for k in range(K):
                     trial[k] = p[k] + min(max(step[k], -1.0), 1.0)
-                clamp(trial, low, high)
+                confine(trial, lobes, narrow, wide)
                 new = project(tail, lobes, trial, Y, w, s, light, G, D, A, C) + penalty(trial, centre, stiffness)
                 if new < cost:
                     accepted = True
@@ -304,8 +234,8 @@ def fit_block(
     W: NDArray[np.float32],
     s: Array,
     light: Array,
-    low: Array,
-    high: Array,
+    narrow: float,
+    wide: float,
     centre: Array,
     stiffness: Array,
     iterations: int,
@@ -323,15 +253,15 @@ def fit_block(
         Weights; 0 leaves a sample out.
     s, light : (light, 2), (light, 3)
         Half-vector slopes and directions.
-    low, high : (K,)
-        Bounds of the shapes.
+    narrow, wide
+        Bounds of the lobes' widths.
     centre, stiffness : (texel, K)
         Prior: F + Σ ρ_k (p_k - p̄_k)².
     P, C, F
         Results: shapes (texel, K), colours (texel, m, 3), weighted squared residual (texel,).
     """
     n = s.shape[0]
-    Y, w, y, _rest = np.empty((3, n)), np.empty(n), np.empty(n), np.empty(n)
+    Y, w, y = np.empty((3, n)), np.empty(n), np.empty(n)
     for t in range(T.shape[0]):
         for i in range(n):
             w[i] = W[t, i]
@@ -350,7 +280,7 @@ def fit_block(
             p[at + 3] /= 2.5
             p[at + 4] -= math.log(2.5)
         p[LOBE_SIZE * lobes :] = 0.0
-        F[t] = fit_texel(tail, lobes, p, Y, w, s, light, low, high, centre[t], stiffness[t], iterations, C[t])
+        F[t] = fit_texel(tail, lobes, p, Y, w, s, light, narrow, wide, centre[t], stiffness[t], iterations, C[t])
 
 
 def shape_count(lobes: int) -> int:

@@ -50,6 +50,7 @@ def gather(fabric: str, results: Path, captures: Path) -> Values:
         **_costs(errors),
         "stages": Markup(charts.bars(stage_times(results / "benchmarks"))),
         "mesh": [(key.replace("_", " "), _plain(value)) for key, value in _mesh(results).items()],
+        "need": _need(read_json(results / "need.json")),
         "theta_max": f"{math.degrees(material.theta_max):.0f}°",
     }
 
@@ -281,6 +282,24 @@ def stage_times(folder: Path) -> list[tuple[str, float, str]]:
 def _mesh(results: Path) -> Values:
     value: Values = read_json(results / "mesh.json")
     return {key: v for key, v in value.items() if not isinstance(v, dict | list)}
+
+
+def _need(need: Values) -> list[tuple[str, str]]:
+    """What the scene asks of the fabric, in words."""
+    narrow, factor = need["footprint"]["narrow"], need["footprint"]["coarsest_factor"]
+    coarsest = "no coarser texel would do" if factor == 1 else f"texels {factor} times as large would do"
+    shares = ", ".join(f"{region['name']} {100 * region['share']:.1f} %" for region in need["regions"])
+    half = need["half_vector"]
+    outside = (
+        "not known" if half["outside"] in (None, "all") else f"{100 * half['outside']:.0f} % of the cloth's pixels"
+    )
+    return [
+        ("cloth in the picture", f"{100 * need['cloth_share']:.0f} % of the pixels"),
+        ("regions seen", shares),
+        ("texels a pixel", f"{narrow['median']:.2g} ({coarsest})"),
+        ("view from the normal", f"{math.degrees(need['view']['median']):.0f}° in the middle"),
+        ("half vectors beyond what was measured", outside),
+    ]
 
 
 def _plain(value: object) -> str:

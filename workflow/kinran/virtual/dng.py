@@ -9,14 +9,24 @@ import tifffile
 from numpy.typing import NDArray
 
 MODEL = "Virtual"
+RGGB = (0, 1, 1, 2)
 # XYZ (D65) to camera, as DNG wants it; of the profile of a common APS-C camera, ×10⁴
 COLOUR_MATRIX = (7054, -1501, -990, -8156, 15544, 2812, -1278, 1414, 7796)
 
 
 def write_dng(
-    path: Path, bayer: NDArray[np.uint16], seconds: Fraction, border: int, black: int, white: int, when: str
+    path: Path,
+    bayer: NDArray[np.uint16],
+    seconds: Fraction,
+    border: int,
+    black: int,
+    white: int,
+    when: str,
+    pattern: tuple[int, int, int, int] = RGGB,
+    orientation: int = 1,
+    encoded: bytes | None = None,
 ) -> None:
-    """Write one RGGB frame.
+    """Write one frame of a Bayer sensor.
 
     Parameters
     ----------
@@ -30,6 +40,12 @@ def write_dng(
         Levels for the tags.
     when
         EXIF date, ``YYYY:MM:DD HH:MM:SS``.
+    pattern
+        Colours (0 red, 1 green, 2 blue) of the first two sites of the first two rows under the mask.
+    orientation
+        EXIF's: 1 upright, 3, 6 and 8 for a camera that was turned.
+    encoded
+        The counts as a lossless JPEG; without it they are stored as they are.
     """
     height, width = bayer.shape
     matrix = [part for value in COLOUR_MATRIX for part in (value, 10_000)]
@@ -40,7 +56,7 @@ def write_dng(
         (271, "s", 0, "Kinran", True),  # Make
         (272, "s", 0, MODEL, True),
         (33421, "H", 2, (2, 2), True),  # CFARepeatPatternDim
-        (33422, "B", 4, bytes([0, 1, 1, 2]), True),  # CFAPattern RGGB
+        (33422, "B", 4, bytes(pattern), True),  # CFAPattern
         (50711, "H", 1, 1, True),  # CFALayout: rectangular
         (50829, "I", 4, (border, 0, height, width), True),  # ActiveArea
         (50714, "H", 1, black, True),
@@ -48,19 +64,23 @@ def write_dng(
         (50721, "2i", 9, matrix, True),  # ColorMatrix1
         (50728, "2I", 3, [1, 1, 1, 1, 1, 1], True),  # AsShotNeutral
         (50778, "H", 1, 21, True),  # CalibrationIlluminant1: D65
+        (274, "H", 1, orientation, True),
         (33434, "2I", 1, (seconds.numerator, seconds.denominator), True),
         (34855, "H", 1, 100, True),  # ISO
         (33437, "2I", 1, (8, 1), True),  # aperture
         (36867, "s", 0, when, True),
         (306, "s", 0, when, True),
     ]
-    tifffile.imwrite(
-        path,
-        bayer,
-        photometric=32803,
-        planarconfig=1,
-        rowsperstrip=height,
-        extratags=tags,
-        metadata=None,
-        software=None,
-    )
+    how = {
+        "photometric": 32803,
+        "planarconfig": 1,
+        "rowsperstrip": height,
+        "extratags": tags,
+        "metadata": None,
+        "software": None,
+    }
+    if encoded is None:
+        tifffile.imwrite(path, bayer, **how)
+    else:
+        with tifffile.TiffWriter(path) as file:
+            file.write(iter([encoded]), shape=bayer.shape, dtype=np.uint16, compression=7, **how)

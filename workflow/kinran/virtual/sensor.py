@@ -40,6 +40,12 @@ class Sensor:
         Share of pixels with a dark current of thousands of electrons a second.
     flicker
         Relative standard deviation of the lamp from frame to frame.
+    glare
+        Share of the picture's mean light that the lens spreads evenly over it.
+    vignetting
+        Loss of light in the corners.
+    banding
+        Exposure of the top rows relative to that of the middle, minus 1, at 1/4000 s; less at longer times.
     """
 
     full_well: float = 36_000.0
@@ -51,6 +57,9 @@ class Sensor:
     prnu: float = 0.003
     hot: float = 0.0005
     flicker: float = 0.001
+    glare: float = 0.0
+    vignetting: float = 0.0
+    banding: float = 0.0
 
     @property
     def clip(self) -> int:
@@ -92,12 +101,25 @@ class Sensor:
         camera = radiance @ CROSSTALK.T.astype(np.float32)
         for row, column, channel in SITES:
             light[BORDER + row :: 2, column::2] = camera[..., channel]
+        if self.glare or self.vignetting or self.banding:
+            light[BORDER:] = self._faults(light[BORDER:], camera, seconds)
         light *= np.float32(self.rate * seconds * lamp * max(0.0, 1 + self.flicker * rng.standard_normal()))
         electrons = np.minimum(light * response + dark * np.float32(seconds), 4 * self.full_well)
         noisy = rng.poisson(electrons) + self.read * rng.standard_normal(shape, np.float32)
         black = self.black + self.black_drift * rng.standard_normal()
         counts = np.minimum(noisy, self.full_well) / self.gain + black
         return np.clip(np.floor(counts + 0.5), 0, self.clip).astype(np.uint16)
+
+    def _faults(self, light: Image, camera: Image, seconds: float) -> Image:
+        """Light (2 h, 2 w) with glare, vignetting and the travel of the curtains."""
+        rows, columns = light.shape
+        veil = np.zeros_like(light)
+        for row, column, channel in SITES:
+            veil[row::2, column::2] = self.glare * camera[..., channel].mean()
+        y, x = np.linspace(1, -1, rows, dtype=np.float32)[:, None], np.linspace(-1, 1, columns, dtype=np.float32)
+        lens = 1 - self.vignetting * (x**2 + y**2) / 2
+        curtain = 1 + self.banding * y * min(1.0, 1 / (seconds * 4096))
+        return np.asarray((light + veil) * lens * curtain, np.float32)
 
 
 @lru_cache(maxsize=4)

@@ -1,0 +1,40 @@
+"""A small trial: shiny cloth of two regions under lights on a grid."""
+
+import numpy as np
+
+from kinran.chart.trial import Trial
+from kinran.frames import direction
+
+SHAPE = (9, 12)
+
+
+def shiny_trial(seed: int = 0) -> Trial:
+    """Nine by twelve texels under a 5 × 12 grid, every fourth light held out; a slope lobe on a cosine."""
+    grid = np.array([(i, k) for i in range(1, 6) for k in range(12)])
+    lights = direction(np.radians(14.0 * grid[:, 0]), np.radians(30.0 * grid[:, 1]))
+    rng = np.random.default_rng(seed)
+    texels = SHAPE[0] * SHAPE[1]
+    region = (np.arange(texels) % SHAPE[1] >= 6).astype(np.intp)
+    s = lights[:, :2] / (1 + lights[:, 2:])
+    centre = rng.uniform(-0.1, 0.1, (texels, 2))
+    q = ((s[None] - centre[:, None]) ** 2).sum(-1) / np.where(region == 0, 0.25, 0.4)[:, None] ** 2
+    lobe = np.where(region == 0, 3.0, 0.5)[:, None] / (1 + q) ** 2
+    colour = np.array([[1.0, 0.8, 0.3], [0.5, 0.05, 0.05]])[region]
+    T = (colour[:, :, None] * (lobe[:, None] + 0.2 * lights[:, 2])).astype(np.float32)
+    held = grid.sum(1) % 4 == 0
+    return Trial(
+        T=np.ascontiguousarray(T[:, :, ~held]),
+        W=np.ones((texels, int((~held).sum())), np.float32),
+        lights=lights[~held],
+        truth=np.ascontiguousarray(T[:, :, held]),
+        valid=np.ones((texels, 3, int(held.sum())), bool),
+        held_out=lights[held],
+        share=np.sqrt(1 - lights[held, 2] ** 2),
+        region=region,
+        grid=grid[~held],
+        shape=SHAPE,
+        coder=None,
+        peak=float(np.percentile(T, 99.9)),
+        clips=(np.full(3, 0.4), np.full(3, 1.6), np.full(3, 6.4)),
+        to_rec709=np.eye(3),
+    )

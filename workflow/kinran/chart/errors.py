@@ -1,0 +1,106 @@
+"""How far predictions are from held-out samples, in the measures of the chart."""
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from kinran.chart.trial import Samples, Trial
+from kinran.metrics import LOG_COMPRESSION
+
+Array = NDArray[np.float64]
+
+SSIM_SIGMA, SSIM_K1, SSIM_K2 = 1.5, 0.01, 0.03
+SSIM_LIGHTS = 24
+BANDS = (0, 30, 50, 65, 90)
+
+
+def squares(predicted: Samples, trial: Trial) -> tuple[Array, Array]:
+    """Weighted squared errors and energies (texel, light), summed over channels."""
+    w = trial.share * trial.valid
+    difference = predicted.astype(float) - trial.truth
+    return (w * difference**2).sum(1), (w * trial.truth.astype(float) ** 2).sum(1)
+
+
+def summary(predicted: Samples, trial: Trial) -> dict[str, float]:
+    """All measures of a prediction (texel, 3, light).
+
+    `relative_error` √(Σ w e² / Σ w g²) in the stack's RGB; `log_error` the mean |ln((m + ε) / (g + ε))| with
+    ε = p99.9 / 500, about a relative error that weighs dark samples like bright ones; `texel_p95` and
+    `texels_above_1` of the relative error by texel; PSNR and SSIM of linear Rec. 709 up to p99.9 and of display
+    values (the encoding of photographs; log-compressed radiance).
+    """
+    e, g = squares(predicted, trial)
+    by_texel = np.sqrt(e.sum(1) / np.maximum(g.sum(1), 1e-12))
+    floor = trial.peak / LOG_COMPRESSION
+    ratio = (np.maximum(predicted, 0) + floor) / (np.maximum(trial.truth, 0) + floor)
+    valid = trial.valid.sum() or 1
+    return {
+        "relative_error": ratio_of(e, g),
+        "log_error": float((np.abs(np.log(ratio)) * trial.valid).sum() / valid),
+        "texel_median": float(np.median(by_texel)),
+        "texel_p95": float(np.percentile(by_texel, 95)),
+        "texels_above_1": float((by_texel > 1).mean()),
+        **pictures(predicted, trial),
+    }
+
+
+def ratio_of(e: Array, g: Array) -> float:
+    """Relative error of squared errors and energies."""
+    return float(np.sqrt(e.sum() / max(g.sum(), 1e-30)))
+
+
+def by_band(predicted: Samples, trial: Trial) -> dict[str, float]:
+    """Relative error by θ of the light, in the bands of `BANDS` that hold lights."""
+    e, g = squares(predicted, trial)
+    theta = np.degrees(np.arccos(np.clip(trial.held_out[:, 2], -1, 1)))
+    result = {}
+    for low, high in pairwise(BANDS):
+        inside = (theta >= low) & (theta < high)
+        if inside.any():
+            result[f"{low}–{high}°"] = ratio_of(e[:, inside], g[:, inside])
+    return result
+
+
+def by_region(predicted: Samples, trial: Trial, names: list[str]) -> dict[str, float]:
+    """Relative error of each region that the trial has texels of."""
+    e, g = squares(predicted, trial)
+    present = [k for k in range(len(names)) if (trial.region == k).any()]
+    return {names[k]: ratio_of(e[trial.region == k], g[trial.region == k]) for k in present}
+
+
+def pictures(predicted: Samples, trial: Trial) -> dict[str, float]:
+    """PSNR and SSIM in linear and in display values; nothing for a trial that is no picture."""
+    height, width = trial.shape
+    if height * width != trial.texels:
+        return {}
+    seen = np.where(trial.valid, predicted, trial.truth)
+    m, g = (np.einsum("cd,tdl->tcl", trial.to_rec709.astype(np.float32), a) for a in (seen, trial.truth))
+    result = {}
+    for name, a, b in (("linear", m / trial.peak, g / trial.peak), ("display", _display(m, trial), _display(g, trial))):
+        a, b = np.clip(a, 0, 1), np.clip(b, 0, 1)
+        square = ((a - b) ** 2).mean((0, 1))
+        result[f"psnr_{name}"] = float(np.mean(-10 * np.log10(np.maximum(square, 1e-12))))
+        use = np.linspace(0, a.shape[2] - 1, min(SSIM_LIGHTS, a.shape[2])).astype(int)
+        images = [(a[:, c, i].reshape(height, width), b[:, c, i].reshape(height, width)) for i in use for c in range(3)]
+        result[f"ssim_{name}"] = float(np.mean([ssim(x, y) for x, y in images]))
+    return result
+
+
+def _display(light: Samples, trial: Trial) -> Samples:
+    if trial.coder:
+        return trial.coder.encode(light)
+    compressed = np.log1p(LOG_COMPRESSION * np.clip(light / trial.peak, 0, 1)) / np.log1p(LOG_COMPRESSION)
+    return np.asarray(compressed, np.float32)
+
+
+def ssim(a: Samples, b: Samples) -> float:
+    """Mean structural similarity of two images (y, x) in [0, 1] (Wang2004, Eq. 13), Gaussian window of σ = 1.5."""
+    a, b = a.astype(float), b.astype(float)
+    c1, c2 = SSIM_K1**2, SSIM_K2**2
+    ma, mb = gaussian_filter(a, SSIM_SIGMA), gaussian_filter(b, SSIM_SIGMA)
+    va = gaussian_filter(a * a, SSIM_SIGMA) - ma * ma
+    vb = gaussian_filter(b * b, SSIM_SIGMA) - mb * mb
+    cov = gaussian_filter(a * b, SSIM_SIGMA) - ma * mb
+    return float(np.mean((2 * ma * mb + c1) * (2 * cov + c2) / ((ma**2 + mb**2 + c1) * (va + vb + c2))))

@@ -1,0 +1,63 @@
+"""What a method costs: processor time, memory, and the floor that reading the samples once sets."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+R = TypeVar("R")
+
+PROC = Path("/proc/self")
+REPEAT_UNDER = 0.5
+"""Methods that take less than this many seconds are timed three times; the least counts."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Seconds of processor time, and MiB of memory above what was held before; -1 where it cannot be told."""
+
+    seconds: float
+    memory: float
+
+
+def measure(work: Callable[[], R]) -> tuple[R, Cost]:
+    """Result of a piece of work, and its cost."""
+    before = _resident("VmRSS") if _reset_peak() else -1.0
+    start = time.process_time()
+    result = work()
+    seconds = time.process_time() - start
+    memory = max(_resident("VmHWM") - before, 0.0) if before >= 0 else -1.0
+    for _ in range(2 if seconds < REPEAT_UNDER else 0):
+        start = time.process_time()
+        work()
+        seconds = min(seconds, time.process_time() - start)
+    return result, Cost(seconds, memory)
+
+
+def bandwidth(megabytes: int = 256) -> float:
+    """Bytes a second that one core reads from memory, the best of five."""
+    block = np.ones(megabytes << 18, np.float32)
+    best = np.inf
+    for _ in range(5):
+        start = time.process_time()
+        np.dot(block, block)
+        best = min(best, time.process_time() - start)
+    return float(block.nbytes / max(best, 1e-9))
+
+
+def _reset_peak() -> bool:
+    """Let the peak of resident memory start from now; False where the kernel has no such thing."""
+    try:
+        (PROC / "clear_refs").write_text("5")
+    except OSError:
+        return False
+    return True
+
+
+def _resident(name: str) -> float:
+    """VmRSS or VmHWM of this process, MiB."""
+    lines = (PROC / "status").read_text().splitlines()
+    return next(float(line.split()[1]) / 1024 for line in lines if line.startswith(name))

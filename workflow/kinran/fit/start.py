@@ -1,0 +1,105 @@
+"""Where the search for a lobe starts: moments, in slope space, of what stands above the diffuse floor."""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from kinran.fit.lobes import GAUSSIAN, LOBE_SIZE
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+f4 = np.float32
+
+THRESHOLD = f4(0.4)
+"""Share of the level under which a sample is not of the highlight: a quarter of the peak."""
+WIDER = math.log(2.5)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def floor_of(y: Single, lz: Single, root: Single) -> f4:
+    """Diffuse floor k of y ≈ k cos θ_i + highlights: the mean of what lies under the mean, twice."""
+    k = f4(3e38)
+    for _ in range(3):
+        top, bottom = f4(0.0), f4(0.0)
+        for i in range(y.size):
+            cosine = lz[i] * root[i]
+            under = cosine if y[i] <= k * lz[i] else f4(0.0)
+            top += under * root[i] * y[i]
+            bottom += under * cosine
+        k = max(top / max(bottom, f4(1e-30)), f4(0.0))
+    return k
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def level_of(y: Single, lz: Single, floor: float) -> f4:
+    """Level Σ r³ / Σ r² of what stands above the floor: 2/3 of the peak of a Gaussian lobe, 3/5 of one of GGX."""
+    k, top, bottom = f4(floor), f4(0.0), f4(0.0)
+    for i in range(y.size):
+        r = max(y[i] - k * lz[i], f4(0.0))
+        bottom += r * r
+        top += r * r * r
+    return top / max(bottom, f4(1e-30))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def highlight(
+    tail: int, y: Single, S: Single, lz: Single, root: Single, solid: Single, Y: Single, p: Array, tint: Array
+) -> None:
+    """Shape `p` (5, of the first lobe) and colour `tint` (3,) of the highlight.
+
+    Parameters
+    ----------
+    y : (light,)
+        Mean of the channels; 0 where a sample is not used.
+    root : (light,)
+        Roots of the weights; 0 for the same samples.
+    solid : (light,)
+        Solid angle that a light stands for.
+    Y : (3, light)
+        Channels, weighted by `root`.
+    """
+    floor = f4(floor_of(y, lz, root))
+    threshold = THRESHOLD * f4(level_of(y, lz, floor))
+    sx, sy, y0, y1, y2 = S[0], S[1], Y[0], Y[1], Y[2]
+    total = x = z = xx = xz = zz = c0 = c1 = c2 = f4(0.0)
+    for i in range(y.size):
+        q = max(y[i] - floor * lz[i] - threshold, f4(0.0)) * solid[i] if root[i] > f4(0.0) else f4(0.0)
+        qx, qz = q * sx[i], q * sy[i]
+        total += q
+        x += qx
+        z += qz
+        xx += qx * sx[i]
+        xz += qx * sy[i]
+        zz += qz * sy[i]
+    for i in range(y.size):
+        q = max(y[i] - floor * lz[i] - threshold, f4(0.0))
+        c0 += q * y0[i]
+        c1 += q * y1[i]
+        c2 += q * y2[i]
+    tint[0], tint[1], tint[2] = c0, c1, c2
+    s = float(total) + 1e-30
+    mx, my = float(x) / s, float(z) / s
+    inflate = 1.6  # the threshold cut the tails off
+    vxx = min(max(inflate * (float(xx) / s - mx * mx), 5e-4), 0.3)
+    vyy = min(max(inflate * (float(zz) / s - my * my), 5e-4), 0.3)
+    limit = 0.95 * math.sqrt(vxx * vyy)
+    vxy = min(max(inflate * (float(xz) / s - mx * my), -limit), limit)
+    scale = (2.0 if tail == GAUSSIAN else 2.5) * (vxx * vyy - vxy * vxy)
+    a, b, d = vyy / scale, -vxy / scale, vxx / scale
+    p[0], p[1] = mx, my
+    p[2] = 0.5 * math.log(a)
+    p[3] = b / math.sqrt(a)
+    p[4] = 0.5 * math.log(max(d - p[3] * p[3], 1e-3))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def wider(p: Array) -> None:
+    """Start a second lobe around the first: wider, and half as tilted."""
+    first, second = p[:LOBE_SIZE], p[LOBE_SIZE : 2 * LOBE_SIZE]
+    second[:] = first
+    second[:2] *= 0.5
+    second[2] -= WIDER
+    second[3] /= 2.5
+    second[4] -= WIDER

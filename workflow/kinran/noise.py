@@ -1,0 +1,132 @@
+"""Noise of a camera from a bracket of any still scene, by how its exposures predict each other; σ of a stack."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinran.bracket import MARGIN, TAPER
+
+Array = NDArray[np.float64]
+Counts = NDArray[np.uint16]
+
+MOST_SITES = 300_000
+BINS = 24
+ROUNDING = 12**-0.5
+
+
+def measure_noise(planes: Counts, black: Array, seconds: Array, clip: float) -> tuple[float, float]:
+    """Counts per electron and read noise in counts.
+
+    What a longer exposure predicts of the next shorter one, r y, differs from it by noise alone: the scene and the
+    pixels' own responses cancel. The variance is gain m (1 + r) + read² (1 + r²) for a prediction of m counts.
+
+    Parameters
+    ----------
+    planes : (exposure, plane, y, x) uint16
+        Longest exposure first.
+    black : (exposure, plane) float
+    seconds : (exposure, y) float
+        True times.
+    clip
+        Counts over black of saturation.
+    """
+    if len(planes) == 1:
+        return _of_neighbours(planes[0], black[0], clip)
+    rows, variances, weights = [], [], []
+    step = max(1, round((planes[0].size / MOST_SITES) ** 0.5))
+    some = planes[:, :, ::step, ::step]
+    for k in range(len(planes) - 1):
+        r = (seconds[k + 1] / seconds[k])[::step]
+        longer = some[k] - black[k, :, None, None]
+        predicted = longer * r[:, None]
+        difference = some[k + 1] - black[k + 1, :, None, None] - predicted
+        open_ = (longer < 0.9 * clip) & (longer > -0.01 * clip)
+        for level, variance, count in _bins(predicted[open_], difference[open_]):
+            rows.append([max(level, 0.0) * (1 + r.mean()), 1 + r.mean() ** 2])
+            variances.append(variance)
+            weights.append(np.sqrt(count))
+    return _solve(np.array(rows), np.array(variances), np.array(weights), clip, rounding(planes))
+
+
+def sigma(radiance: NDArray[np.float32], noise: dict[str, Any]) -> Array:
+    """Standard deviation (..., 3) of the radiance (..., 3) of a stack of RAW brackets, by its noise model.
+
+    Of the value and the exposures that it leaves under saturation: of photons, reading and rounding, and of the
+    sites' unequal response, which is the same under all lights. Infinite where all exposures are saturated.
+
+    Parameters
+    ----------
+    radiance : (..., 3)
+    noise
+        `Stack.noise`.
+    """
+    rate = np.maximum(np.asarray(radiance, float), 0) * np.array(noise["white_counts_per_second"])
+    gain, read, clip = noise["counts_per_electron"], noise["read_counts"], MARGIN * noise["saturation_counts"]
+    information = np.zeros_like(rate)
+    for seconds in noise["seconds"]:
+        expected = rate * seconds
+        shortest = seconds == min(noise["seconds"])
+        weight = expected < clip if shortest else np.clip((clip - expected) / (clip * (1 - TAPER)), 0, 1)
+        information += weight * seconds**2 / (gain * expected + read**2)
+    sites = np.array([1, 2, 1]) if noise.get("planes", 4) == 4 else np.ones(3)
+    with np.errstate(divide="ignore"):
+        variance = 1 / (information * sites) + (noise["relative_prnu"] * rate) ** 2 / sites
+    return np.asarray(np.sqrt(variance) / np.array(noise["white_counts_per_second"]))
+
+
+def rounding(planes: Counts) -> float:
+    """Standard deviation of rounding: 12^-1/2 of the smallest step between counts, 1 in RAW and more in 8 bits."""
+    seen = np.flatnonzero(np.bincount(planes[..., ::3, ::3].ravel()))
+    return float(np.diff(seen).min() * ROUNDING) if len(seen) > 1 else ROUNDING
+
+
+def _of_neighbours(planes: Counts, black: Array, clip: float) -> tuple[float, float]:
+    """Of one frame: from neighbouring sites, so that texture counts as noise; too much rather than too little."""
+    one, other = (planes[1], planes[2]) if len(planes) == 4 else (planes[1, :, ::2][:, :-1], planes[1, :, 1::2])
+    width = min(one.shape[1], other.shape[1])
+    pair = np.stack([one[:, :width], other[:, :width]]).reshape(2, -1) - black[1]
+    mean, difference = pair.mean(0), pair[0] - pair[1]
+    open_ = mean < 0.9 * clip
+    found = _bins(mean[open_], difference[open_])
+    rows = np.array([[2 * max(level, 0.0), 2.0] for level, _, _ in found])
+    return _solve(
+        rows.reshape(-1, 2),
+        np.array([variance for _, variance, _ in found]),
+        np.array([np.sqrt(count) for _, _, count in found]),
+        clip,
+        rounding(planes),
+    )
+
+
+def _bins(level: Array, difference: Array) -> list[tuple[float, float, int]]:
+    """Mean level, variance without outliers, and number in bins of equal number."""
+    order = np.argsort(level, kind="stable")
+    found = []
+    for part in np.array_split(order, BINS):
+        if len(part) < 30:
+            continue
+        kept = difference[part]
+        for _ in range(4):
+            kept = kept[np.abs(kept - np.median(kept)) <= 4 * kept.std()]
+        found.append((float(level[part].mean()), float(kept.var()), len(kept)))
+    return found
+
+
+def _solve(rows: Array, variances: Array, weights: Array, clip: float, rounding: float) -> tuple[float, float]:
+    """Least squares for (gain, read²), each variance weighted by its own error, twice; both stay over their least."""
+    least = np.array([clip * 1e-7, rounding**2])
+    if len(rows) < 2:
+        return float(clip / 30_000), float(max(rounding, 1e-3 * clip))
+    model = np.maximum(variances, rounding**2)
+    solution = least
+    for _ in range(3):
+        w = weights / model
+        solution = np.maximum(np.linalg.lstsq(rows * w[:, None], variances * w, rcond=None)[0], 0)
+        for fixed in (0, 1):  # one that would be negative stays at its least, the other follows
+            if solution[fixed] < least[fixed]:
+                other = 1 - fixed
+                column, rest = rows[:, other] * w, (variances - rows[:, fixed] * least[fixed]) * w
+                solution[fixed], solution[other] = least[fixed], max(column @ rest / (column @ column), least[other])
+        model = np.maximum(rows @ solution, rounding**2)
+    return float(solution[0]), float(np.sqrt(solution[1]))

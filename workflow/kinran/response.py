@@ -1,0 +1,89 @@
+"""Debevec and Malik's radiance from photographs: the response curve of a camera, and the mean of logarithms.
+
+A named baseline. Its curve is also what makes gamma-encoded photographs of an unknown camera linear.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+
+CODES = 256
+SMOOTHNESS = 30.0
+SAMPLES = 400
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A recovered response.
+
+    Attributes
+    ----------
+    light : (256,)
+        Linear light of each code of 8 bits; that of the last is 1.
+    """
+
+    light: tuple[float, ...]
+
+    def decode(self, values: ArrayLike) -> Image:
+        """Linear light of values in [0, 1], float32."""
+        at = np.clip(np.asarray(values, float), 0, 1) * (CODES - 1)
+        return np.asarray(np.interp(at, np.arange(CODES), self.light), np.float32)
+
+
+def recover(codes: NDArray[np.uint8], seconds: Array) -> Curve:
+    """Response curve of a bracket (Debevec and Malik 1997, Eq. 3), from sites of all levels.
+
+    Parameters
+    ----------
+    codes : (exposure, site) uint8
+    seconds : (exposure,) float
+    """
+    chosen = _spread(codes)
+    z = codes[:, chosen].astype(int)
+    exposures, sites = z.shape
+    smooth = CODES - 2
+    A, b = np.zeros((exposures * sites + smooth + 1, CODES + sites)), np.zeros(exposures * sites + smooth + 1)
+    w = hat(z)
+    row = np.arange(exposures * sites)
+    A[row, z.ravel()] = w.ravel()
+    A[row, CODES + np.tile(np.arange(sites), exposures)] = -w.ravel()
+    b[: len(row)] = (w * np.log(seconds)[:, None]).ravel()
+    A[len(row), CODES // 2] = 1
+    inner = np.arange(1, CODES - 1)
+    at = len(row) + inner
+    for shift, factor in ((-1, 1), (0, -2), (1, 1)):
+        A[at, inner + shift] = factor * SMOOTHNESS * hat(inner)
+    # normal equations: sparse rows, and smoothness ties codes that no site has
+    g = np.linalg.solve(A.T @ A + 1e-9 * np.eye(A.shape[1]), A.T @ b)[:CODES]
+    light = np.maximum.accumulate(np.exp(g - g[-1]))
+    light[0] = 0
+    return Curve(tuple(float(value) for value in light))
+
+
+def hat(codes: ArrayLike) -> Array:
+    """Weights of codes: none at both ends, most in the middle (Debevec and Malik 1997, Eq. 4)."""
+    z = np.asarray(codes, float)
+    return np.asarray(np.minimum(z, CODES - 1 - z) / (CODES / 2))
+
+
+def merge_debevec(codes: NDArray[np.uint8], seconds: Array, curve: Curve) -> Image:
+    """Radiance (...) of codes (exposure, ...): the weighted mean of logarithms (Debevec and Malik 1997, Eq. 6).
+
+    NaN where every weight is 0.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        g = np.log(np.asarray(curve.light))
+        w = hat(codes)
+        shape = (-1, *[1] * (codes.ndim - 1))
+        logs = np.where(w > 0, g[codes] - np.log(seconds).reshape(shape), 0)
+        return np.asarray(np.exp((w * logs).sum(0) / w.sum(0)), np.float32)
+
+
+def _spread(codes: NDArray[np.uint8]) -> NDArray[np.intp]:
+    """Sites whose middle exposures cover all codes evenly."""
+    order = np.argsort(np.sort(codes, axis=0)[len(codes) // 2], kind="stable")
+    return np.asarray(order[np.linspace(0, len(order) - 1, min(SAMPLES, len(order))).round().astype(int)])

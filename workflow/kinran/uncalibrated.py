@@ -1,0 +1,186 @@
+"""A camera as its brackets alone describe it, where nobody has shot a calibration."""
+
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinran.bracket import MARGIN, Response, guarded
+from kinran.calibration import Camera
+from kinran.encoding import Encoding, parse
+from kinran.exposures import discrepancy, measure, row_seconds, third_stop
+from kinran.files import InputError
+from kinran.noise import measure_noise
+from kinran.photographs import CLIPPED, Crop
+from kinran.photographs import read as read_photograph
+from kinran.response import Curve, recover
+from kinran.shots import FULL, MISLABELLED, Bracket
+from kinran.superpixels import mislabelled
+
+Array = NDArray[np.float64]
+
+PILED = 2e-4
+"""Share of sites at one count that shows that they are full."""
+LEAST_PILED = 100
+WARNED = 0.02
+LEAST_SITES = 200
+STEADY_LAMP = 0.04
+UNSTEADY = 0.05
+"""An encoding under which the ratio of two exposures varies more with the level is not that of the photographs."""
+RECOVERED = "recovered"
+
+
+def describe(brackets: Sequence[Bracket]) -> Camera:
+    """Saturation, noise and shutter times of a camera from brackets of still scenes.
+
+    Parameters
+    ----------
+    brackets
+        All with the same exposures.
+
+    Raises
+    ------
+    InputError
+        An exposure is not the one that its name says.
+    """
+    first = brackets[0]
+    planes = first.planes.shape[1]
+    blacks = [np.repeat(bracket.black[:, None], planes, 1) for bracket in brackets]
+    saturation = saturation_of(brackets)
+    rough = Response(saturation, saturation / 30_000, max(1.0, 1e-4 * saturation))
+    nominal = [float(value) for value in first.nominal_s]
+    exposures = measure([b.planes for b in brackets], blacks, nominal, [third_stop(value) for value in nominal], rough)
+    for k in range(len(exposures) - 1):
+        off = discrepancy(exposures, k)
+        if abs(off) > MISLABELLED:
+            raise mislabelled(first, blacks[0], k, 1 / (1 + off))
+        if abs(off) > WARNED:
+            print(
+                f"{nominal[k]:g} s is {1 + off:.3f} times what its name says beside {nominal[k + 1]:g} s; the pictures"
+                " are believed",
+                file=sys.stderr,
+            )
+    rows = row_seconds([e.seconds for e in exposures], [e.curtain for e in exposures], first.planes.shape[2])
+    noises = [measure_noise(b.planes, black, rows, rough.clip) for b, black in zip(brackets[:4], blacks, strict=False)]
+    gain, read = (float(np.median(part)) for part in zip(*noises, strict=True))
+    black = tuple(float(value) for value in (np.zeros(planes) if first.masked else blacks[0].mean(0)))
+    white = (1.0, 1.0, 1.0)
+    return Camera(black, first.masked, Response(saturation, gain, read), exposures, (), white, None, None)
+
+
+def saturation_of(brackets: Sequence[Bracket]) -> float:
+    """Counts over black where sites pile up, or what the file states if none do.
+
+    The stated level is often wrong: files of 12 bits in 16, sensors that are full before the converter is.
+    """
+    first = brackets[0]
+    black = float(first.black.mean())
+    full = 1.0 if first.bayer else MARGIN  # a photograph's white is where its codes end, with no spread
+    stated = first.white - black
+    tops, piles = zip(*(_pile(bracket.planes[0]) for bracket in brackets), strict=True)
+    measured = [pile - black for pile in piles if pile > max(0.97 * max(tops), 2 * black)]
+    return float(min([stated, *measured]) / full)
+
+
+def _pile(counts: NDArray[np.uint16]) -> tuple[int, int]:
+    """Highest count, but for one site in 100,000, and the count from which on sites pile up under it; 0 if none do."""
+    histogram = np.bincount(counts.ravel(), minlength=2)
+    from_top = np.cumsum(histogram[::-1])
+    top = len(histogram) - 1 - int(np.argmax(from_top > 1e-5 * counts.size))
+    near, under = max(int(0.99 * top), 1), int(0.96 * top)
+    piled, below = int(histogram[near : top + 1].sum()), histogram[under:near].sum() / 3
+    if piled < max(PILED * counts.size, LEAST_PILED) or piled < 5 * below:
+        return top, 0
+    share = np.cumsum(histogram[near : top + 1]) / piled
+    return top, near + int(np.searchsorted(share, 0.2))
+
+
+def decoder_of(
+    name: str, paths: Sequence[Path], seconds: Sequence[float], crop: Crop | None, doubted: bool = False
+) -> tuple[str, Encoding | Curve]:
+    """What makes photographs linear: by name, or as their bracket tells.
+
+    Parameters
+    ----------
+    name
+        ``srgb``, ``linear``, ``gamma:EXPONENT``, ``recovered`` (Debevec and Malik's response), or empty for the
+        one of linear and sRGB under which the ratios of the exposures do not depend on the level, else ``recovered``.
+        Where no pixel tells: sRGB for 8 bits, linear for more.
+    paths, seconds
+        Of one bracket.
+    crop
+        Part to use.
+    doubted
+        Whether a name gives way where the bracket contradicts it.
+
+    Raises
+    ------
+    InputError
+        Nothing makes them linear.
+    """
+    if name not in ("", RECOVERED) and not doubted:
+        return name, parse(name)
+    order = np.argsort(-np.asarray(seconds), kind="stable")
+    values = [read_photograph(paths[k], parse("linear"), crop).light for k in order]
+    if any(value.shape != values[0].shape for value in values):
+        raise InputError(f"{paths[0]}: has another size than the other frames of its bracket; use one size")
+    codes = np.stack(values)
+    top = float(codes.max())
+    if top < 0.9 and (codes[0] > 0.999 * top).mean() > PILED:  # 12 bits in 16
+        codes = codes / np.float32(top)
+    times = np.asarray(seconds, float)[order]
+    usual = "srgb" if np.allclose(codes * 255, np.round(codes * 255), atol=1e-3) else "linear"
+    if len(paths) == 1 or math.isnan(unsteadiness(codes, parse("linear"), times)):
+        chosen = usual if name == "" else name
+        return (chosen, parse(chosen)) if chosen != RECOVERED else _unknown(paths[0])
+    if name != RECOVERED:
+        found = {tried: unsteadiness(codes, parse(tried), times) for tried in ([name] if name else ["linear", "srgb"])}
+        if name and found[name] >= UNSTEADY:
+            found = {tried: unsteadiness(codes, parse(tried), times) for tried in ("linear", "srgb")}
+        best = min(found, key=lambda tried: found[tried])
+        if found[best] < UNSTEADY:
+            return best, parse(best)
+    curve = recover(np.round(codes[..., 1].reshape(len(codes), -1) * 255).astype(np.uint8), times)
+    if unsteadiness(codes, curve, times) > 2 * UNSTEADY:
+        _unknown(paths[0])
+    return RECOVERED, curve
+
+
+def unsteadiness(codes: NDArray[np.float32], decoder: Encoding | Curve, seconds: Array) -> float:
+    """How much the ratio of neighbouring exposures (rms of its logarithm) varies with the level of green.
+
+    What it is off altogether, over what lamps and shutters do, adds to that: another gamma keeps ratios even.
+
+    Parameters
+    ----------
+    codes : (exposure, y, x, 3) float32
+        Encoded values in [0, 1], longest exposure first.
+    decoder
+        What is tried on them.
+    seconds : (exposure,) float
+
+    Returns
+    -------
+    float
+        NaN where too few pixels are well exposed twice.
+    """
+    spread = []
+    for k in range(len(codes) - 1):
+        longer, shorter = codes[k, ..., 1], codes[k + 1, ..., 1]
+        clean = guarded((longer * FULL).astype(np.uint16), 0.97 * CLIPPED * FULL) > 0
+        use = clean & (longer > 12 / 255) & (shorter > 8 / 255)
+        if use.sum() < LEAST_SITES:
+            continue
+        a, b = decoder.decode(longer[use]), decoder.decode(shorter[use])
+        parts = np.array_split(np.argsort(a + b, kind="stable"), 8)
+        logs = [np.log(a[part].sum(dtype=float) / max(b[part].sum(dtype=float), 1e-9)) for part in parts]
+        off = abs(float(np.mean(logs)) - np.log(seconds[k] / seconds[k + 1]))
+        spread.append(float(np.hypot(np.std(logs), max(off - STEADY_LAMP, 0.0))))
+    return float(np.sqrt(np.mean(np.square(spread)))) if spread else math.nan
+
+
+def _unknown(path: Path) -> tuple[str, Encoding | Curve]:
+    raise InputError(f"{path}: no response makes its bracket consistent; check the times, or give --encoding")

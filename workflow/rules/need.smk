@@ -1,0 +1,19 @@
+rule need:
+    input:
+        template=config["scene"]["template"],
+        mesh="results/{fabric}/scene/mesh.ply",
+        labels="results/{fabric}/labels.exr",
+        regions="results/{fabric}/regions.json",
+        stack="results/{fabric}/radiance.zarr/zarr.json",
+    output:
+        "results/{fabric}/need.json",
+    log:
+        "logs/{fabric}/need.log",
+    benchmark:
+        "results/{fabric}/benchmarks/need.tsv"
+    params:
+        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        code=digest("kinran.need"),
+    shell:
+        "python -m kinran need {output:q} --template {input.template:q} --mesh {input.mesh:q}"
+        " --labels {input.labels:q} --regions {input.regions:q} --stack {params.stack:q} 2>&1 | tee {log}"
