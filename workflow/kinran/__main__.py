@@ -22,6 +22,7 @@ COMMANDS = {
     "calibrate": ("kinran.calibrate", "calibrate camera, lamp and colour"),
     "merge-group": ("kinran.merge_group", "merge the brackets of a group to radiance"),
     "stack": ("kinran.assemble", "complete the radiance stack"),
+    "export": ("kinran.export", "write an EXR for each light of a stack"),
     "segment": ("kinran.segment", "segment a fabric into regions"),
     "need": ("kinran.need", "say what a scene needs of a fabric"),
     "prior": ("kinran.fit.prior", "find the regions' priors for the fit"),

@@ -42,11 +42,7 @@ def main(args: argparse.Namespace) -> None:
     result: dict[str, Any] = {
         "fabric": args.fabric,
         "default": args.materials[0].stem,
-        "unit": (
-            "linear light, 1 = white of the encoding"
-            if stack.encoding
-            else "pi times f_r cos(theta_i): 1 = a white diffuser that faces the lamp"
-        ),
+        "unit": stack.unit,
         "psnr_of": stack.encoding or f"log(1 + {metrics.LOG_COMPRESSION:g} x / p99.9)",
         "training_lights": sum(not light.held_out for light in stack.lights),
         "held_out": [light.name for light in stack.lights if light.held_out],
