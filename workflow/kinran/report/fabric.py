@@ -175,19 +175,16 @@ def _maps(material: Material) -> list[tuple[str, pictures.Picture]]:
         maps.append((caption, pictures.photograph(light, pictures.auto_exposure(light))))
 
     colour("diffuse", "Diffuse colour C_d")
-    if "lobe1.amplitude" in channels:
-        colour("lobe1", "Colour of the lobe C_s")
-    if "lobe1.x" in channels:
-        x, y = channels["lobe1.x"], channels["lobe1.y"]
-        maps.append(
-            (
-                "Slope of the facets: hue is its direction (red: +weft), full at 0.6",
-                pictures.directions_map(x, y),
-            )
-        )
-        wide, narrow = _widths(channels["lobe1.xx"], channels["lobe1.xy"], channels["lobe1.yy"])
-        maps.append(("Width of the lobe along its long axis, to 0.6", pictures.heat(wide, 0.6)))
-        maps.append(("Width along its short axis, to 0.6", pictures.heat(narrow, 0.6)))
+    for k in range(1, material.lobes + 1):
+        lobe = f"lobe{k}"
+        which = "the lobe" if material.lobes == 1 else f"lobe {k}"
+        colour(lobe, f"Colour C_s of {which}")
+        if f"{lobe}.x" in channels:
+            slope = pictures.directions_map(channels[f"{lobe}.x"], channels[f"{lobe}.y"])
+            maps.append((f"Slope of the facets of {which}: hue is its direction (red: +weft), full at 0.6", slope))
+            wide, narrow = _widths(*(channels[f"{lobe}.{name}"] for name in ("xx", "xy", "yy")))
+            maps.append((f"Width of {which} along its long axis, to 0.6", pictures.heat(wide, 0.6)))
+            maps.append((f"Width of {which} along its short axis, to 0.6", pictures.heat(narrow, 0.6)))
     if "lobe1.theta" in channels:
         tangent = np.tan(np.clip(channels["lobe1.theta"], 0, 1.2))
         phi = channels["lobe1.phi"]
