@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from kinran.code import ROOT
-from kinran.config import read_fabrics, read_revisions
+from kinran.config import lobes_of, read_fabrics, read_revisions
 from kinran.files import InputError
 
 SHIPPED = yaml.safe_load((ROOT / "config.yaml").read_text())
@@ -107,3 +107,10 @@ def test_revisions_of_a_group(project: Path) -> None:
 def test_a_monitor_can_be_shot_again(project: Path) -> None:
     sheet(project, "recapture", RECAPTURE, "tiny\t0\t60\t1\tlamp")
     assert read(copy.deepcopy(SHIPPED))("tiny", "01") == '{"monitor_5": 1}'
+
+
+def test_one_lobe_where_lights_are_few(project: Path) -> None:
+    config = copy.deepcopy(SHIPPED)
+    assert lobes_of(config, read_fabrics(config)["tiny"]) == (2, "gaussian")
+    config["rig"].update(thetas=[0, 20, 40, 60, 80], phis=8)
+    assert lobes_of(config, read_fabrics(config)["tiny"]) == (1, "ggx")

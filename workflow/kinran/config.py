@@ -18,6 +18,8 @@ from kinran.plan import group_names, plan_grid
 from kinran.plans import list_group_names
 from kinran.sheets import read_sheet
 
+FEW_LIGHTS = 45
+"""Under so many lights there is one slope lobe, whatever the config says."""
 SCHEMAS = ROOT / "workflow" / "schemas"
 
 
@@ -37,6 +39,8 @@ class Fabric:
         Number of regions; None to let the data say.
     seeds
         Texels of each region, as the sheet has them.
+    lights
+        Number of different light directions.
     light_groups
         Groups of its capture that hold lights.
     all_groups
@@ -49,6 +53,7 @@ class Fabric:
     crop: str
     regions: int | None
     seeds: str
+    lights: int
     light_groups: tuple[str, ...]
     all_groups: tuple[str, ...]
 
@@ -57,6 +62,17 @@ class Fabric:
         """Options of `kinran segment`."""
         count = "" if self.regions is None else f"--count {self.regions} "
         return f"{count}--seeds={shlex.quote(self.seeds)}" if self.seeds else count
+
+
+def lobes_of(config: dict[str, Any], fabric: Fabric) -> tuple[int, str]:
+    """Number and tail of a fabric's slope lobes: what the config says, but one GGX lobe under few lights.
+
+    Two lobes explode where directions are few: on a path-traced brocade under 29 lights their held-out error was
+    1.17, that of one lobe less than that of the four steps, 0.99.
+    """
+    if fabric.lights < FEW_LIGHTS:
+        return 1, "ggx"
+    return config["fit"]["lobes"], config["fit"]["tail"]
 
 
 def check(value: dict[str, Any], schema: str, where: str) -> None:
@@ -111,12 +127,14 @@ def _fabric(row: dict[str, str], rig: dict[str, Any]) -> Fabric:
     if row["source"] == "rig":
         groups = tuple(group_names(rig["thetas"], rig["phis"], rig["meridians"]))
         lights = tuple(group for group in groups if group != "calibration")
-        return Fabric(row["fabric"], None, "", "", regions, row["seeds"], lights, (*lights, "calibration"))
+        count = (len(rig["thetas"]) - 1) * rig["phis"] + 1
+        return Fabric(row["fabric"], None, "", "", regions, row["seeds"], count, lights, (*lights, "calibration"))
     folder = Path(row["source"])
     encoded = row["encoding"] or "srgb"
     encoding.parse(encoded)
-    groups = tuple(list_group_names(len(read_lp(lp_file(folder)))))
-    return Fabric(row["fabric"], folder, encoded, row["crop"], regions, row["seeds"], groups, groups)
+    count = len(read_lp(lp_file(folder)))
+    groups = tuple(list_group_names(count))
+    return Fabric(row["fabric"], folder, encoded, row["crop"], regions, row["seeds"], count, groups, groups)
 
 
 def read_revisions(config: dict[str, Any], fabrics: dict[str, Fabric]) -> Callable[[str, str], str]:

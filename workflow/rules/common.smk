@@ -3,7 +3,7 @@ import sys
 from pathlib import Path
 
 from kinran.code import digest
-from kinran.config import read_fabrics, read_revisions
+from kinran.config import lobes_of, read_fabrics, read_revisions
 from kinran.files import InputError
 from snakemake.exceptions import WorkflowError
 
@@ -91,7 +91,8 @@ def lobes_option(wildcards):
     """Lobes of the slope model; the other models know none of it."""
     if getattr(wildcards, "model", "slope") != "slope":
         return ""
-    return f"--lobes {config['fit']['lobes']} --tail {config['fit']['tail']}"
+    lobes, tail = lobes_of(config, fabrics[wildcards.fabric])
+    return f"--lobes {lobes} --tail {tail}"
 
 
 def fitted_option(wildcards):
