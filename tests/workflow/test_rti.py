@@ -100,3 +100,15 @@ def test_again_does_nothing_and_another_crop_starts_over(out: Path) -> None:
     pipeline(folder, out, "2,3,20,18", 0, "results/out-1/evaluation.json", "results/out-1/material.exr")
     assert read_exr(out / "material.exr")["label"].shape == (18, 20)
     assert json.loads((out / "evaluation.json").read_text())["held_out"] == []
+
+
+@pytest.mark.real
+@pytest.mark.slow
+def test_gold_leaf_icon(real_data: Path, tmp_path: Path) -> None:
+    """RealRTI item 3, the 128² centre: a lobe model on lights that it has not seen, against the four steps."""
+    out = tmp_path / "icon"
+    pipeline(real_data / "realrti" / "item3", out, "137,133,128,128", 8, "results/icon/evaluation.json")
+    methods = json.loads((out / "evaluation.json").read_text())["methods"]
+    assert methods["slope"]["psnr"] > 33
+    assert methods["slope-residual"]["psnr"] > 38.5
+    assert methods["takeda2008"]["psnr"] < 29
