@@ -52,4 +52,4 @@ def test_unknown_module() -> None:
 
 
 def test_every_stage_has_one() -> None:
-    assert len({code.digest(f"kinran.{m}") for m in ("merge", "segment", "fit.tile", "report")}) == 4
+    assert len({code.digest(f"kinran.{m}") for m in ("radiance.merge", "segment", "fit.tile", "report")}) == 4

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kinran import chart_place, colour_chart
-from kinran.calibrate import fit_colours
 from kinran.files import InputError
+from kinran.radiance import chart_place, colour_chart
+from kinran.radiance.calibrate import fit_colours
 from kinran.stack import HOT, SATURATED
 
 CAMERA = np.array([[0.67, 0.29, 0.04], [0.13, 0.75, 0.12], [0.02, 0.23, 0.75]])

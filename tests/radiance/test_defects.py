@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from raw_frames import BLACK, CLIP, GAIN, RATES, READ, TRUE, expose, scene, write
 
-from kinran.bracket import Response
-from kinran.calibration import Camera, Exposure
 from kinran.files import InputError
-from kinran.raw import read_raw
-from kinran.shots import Bracket, Frame, Taken, read_bracket
+from kinran.radiance.bracket import Response
+from kinran.radiance.calibration import Camera, Exposure
+from kinran.radiance.raw import read_raw
+from kinran.radiance.shots import Bracket, Frame, Taken, read_bracket
+from kinran.radiance.superpixels import merge_sites
 from kinran.stack import HOT, SATURATED, SHIFTED
-from kinran.superpixels import merge_sites
 
 HEIGHT = 48
 EXPOSURES = tuple(Exposure(1 / rate, TRUE[rate], TRUE[rate], 1) for rate in RATES)
@@ -140,7 +140,7 @@ def test_odd_sizes_keep_the_phase(tmp_path: Path, height: int, width: int, mask:
 
 
 def test_iso_and_aperture_must_not_change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from kinran import shots
+    from kinran.radiance import shots
 
     rng = np.random.default_rng(0)
     paths = [write(tmp_path / f"f_{rate}.dng", expose(scene(), TRUE[rate], rng), rate) for rate in (25, 100)]

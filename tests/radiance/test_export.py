@@ -7,9 +7,9 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from kinran import export
 from kinran.exr import read_exr_with_header, write_exr
 from kinran.files import InputError
+from kinran.radiance import export
 from kinran.stack import Light, Stack, write_metadata, write_shards
 
 MATRIX = np.array([[0.9, 0.1, 0.0], [-0.2, 1.3, -0.1], [0.0, 0.1, 0.9]])

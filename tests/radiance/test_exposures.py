@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from raw_frames import GAIN, READ, TRUE, expose, scene
 
-from kinran.bracket import Response, ratio_sums
-from kinran.exposures import curtain, curtain_of, parse_times, third_stop, time_in_name
 from kinran.files import InputError
-from kinran.noise import measure_noise, rounding
+from kinran.radiance.bracket import Response, ratio_sums
+from kinran.radiance.exposures import curtain, curtain_of, parse_times, third_stop, time_in_name
+from kinran.radiance.noise import measure_noise, rounding
 
 RESPONSE = Response(3470, GAIN, float(np.hypot(READ, 12**-0.5)))
 

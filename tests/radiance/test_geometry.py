@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from kinran.geometry import directions_to, falloff, half_vectors, texel_points
-from kinran.lamp import irradiance
+from kinran.radiance.lamp import irradiance
 
 
 def test_texels_are_centred() -> None:

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from known_scene import EXPOSURES, radiance, shoot
 
-from kinran import calibrate, merge_group
-from kinran.calibration import Calibration, read_calibration, write_calibration
-from kinran.exposures import curtain
-from kinran.flat import Flat, divide, fit_flat, nearest
-from kinran.glare import estimate_glare, remove_glare
 from kinran.plan import plan_grid
 from kinran.plans import Plan, Shot, write_plan
-from kinran.radiometry import to_radiance
-from kinran.shots import read_bracket, read_manifest
+from kinran.radiance import calibrate, merge_group
+from kinran.radiance.calibration import Calibration, read_calibration, write_calibration
+from kinran.radiance.exposures import curtain
+from kinran.radiance.flat import Flat, divide, fit_flat, nearest
+from kinran.radiance.glare import estimate_glare, remove_glare
+from kinran.radiance.radiometry import to_radiance
+from kinran.radiance.shots import read_bracket, read_manifest
+from kinran.radiance.superpixels import merge_bracket
 from kinran.stack import HOT, SATURATED
-from kinran.superpixels import merge_bracket
 from kinran.virtual.sensor import CROSSTALK, Sensor
 
 CAMERA = CROSSTALK / CROSSTALK.sum(1, keepdims=True)

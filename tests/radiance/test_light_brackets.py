@@ -8,11 +8,12 @@ import pytest
 from PIL import Image
 from raw_frames import RATES, TRUE, expose, write
 
-from kinran import assemble, calibrate, ingest, merge_group
-from kinran.calibration import read_calibration
+from kinran import ingest
 from kinran.encoding import parse
 from kinran.files import InputError, write_json
 from kinran.lights import Light, write_lp
+from kinran.radiance import assemble, calibrate, merge_group
+from kinran.radiance.calibration import read_calibration
 from kinran.stack import SATURATED, Stack
 
 COUNT, SIDE = 9, 48

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from kinran import assemble, calibrate, colour_chart, ingest, merge_group
+from kinran import ingest
 from kinran.files import InputError, write_json
 from kinran.lights import Light, write_lp
 from kinran.plans import read_plan, write_plan
+from kinran.radiance import assemble, calibrate, colour_chart, merge_group
 from kinran.stack import SATURATED, Stack
 
 COUNT = 20

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from known_scene import SCENE, Capture, radiance
 
-from kinran import assemble, calibrate, colour_chart, merge_group
 from kinran.__main__ import main
-from kinran.calibration import Calibration, read_calibration
 from kinran.files import InputError
-from kinran.noise import sigma
 from kinran.plan import plan_grid
-from kinran.raw import read_raw
-from kinran.shots import read_bracket, read_manifest
+from kinran.radiance import assemble, calibrate, colour_chart, merge_group
+from kinran.radiance.calibration import Calibration, read_calibration
+from kinran.radiance.noise import sigma
+from kinran.radiance.raw import read_raw
+from kinran.radiance.shots import read_bracket, read_manifest
+from kinran.radiance.superpixels import merge_bracket
 from kinran.stack import DARK, HOT, SATURATED, Stack, shard_path
-from kinran.superpixels import merge_bracket
 from kinran.virtual.sensor import CROSSTALK, Sensor, _defects, shutter
 
 TEXELS = int(SCENE["texels"])
@@ -201,7 +201,7 @@ def test_a_lamp_that_jumps_within_a_bracket_bends_nothing(capture: Capture, cali
     assert np.ptp(moved) < 2e-3
     np.testing.assert_allclose(moved, 0.004, atol=2e-3)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("kinran.superpixels.FLICKER", 1e-9)
+        patch.setattr("kinran.radiance.superpixels.FLICKER", 1e-9)
         assert np.ptp(steps()) > 8e-3
 
 
@@ -290,7 +290,7 @@ def test_a_swapped_exposure_is_seen_in_exif(broken: Capture) -> None:
 
 def test_a_swapped_exposure_is_seen_in_the_picture(broken: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where EXIF is silent: 1/250 and 1/4000 differ sixteen times."""
-    monkeypatch.setattr("kinran.shots.read_raw", lambda path: replace(read_raw(path), seconds=0.0))
+    monkeypatch.setattr("kinran.radiance.shots.read_raw", lambda path: replace(read_raw(path), seconds=0.0))
     edit(broken.manifest("00"), "t40_p000", swap_files)
     with pytest.raises(InputError, match="times as bright"):
         run_merge(broken, "00")

@@ -7,9 +7,9 @@ import pytest
 
 from kinran.__main__ import main
 from kinran.bench import merge_real
-from kinran.bracket import Response, estimate
 from kinran.exr import read_exr_with_header
-from kinran.raw import read_raw
+from kinran.radiance.bracket import Response, estimate
+from kinran.radiance.raw import read_raw
 
 
 @pytest.mark.real

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from kinran.bracket import Response, estimate
 from kinran.encoding import parse
-from kinran.response import Curve, merge_debevec, recover
+from kinran.radiance.bracket import Response, estimate
+from kinran.radiance.response import Curve, merge_debevec, recover
 
 SECONDS = np.array([0.4, 0.1, 0.025, 0.00625])
 

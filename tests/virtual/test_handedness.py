@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kinran import assemble, calibrate, capture, merge_group
+from kinran import capture
 from kinran.plan import plan_grid
 from kinran.plans import write_plan
+from kinran.radiance import assemble, calibrate, merge_group
 from kinran.stack import Stack
 from kinran.virtual import camera
 from kinran.virtual.weave import VirtualFabric

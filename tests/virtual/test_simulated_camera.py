@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from kinran.files import InputError
-from kinran.raw import read_raw
+from kinran.radiance.raw import read_raw
 from kinran.rig.camera import CameraError
 from kinran.virtual.camera import SimulatedCamera
 from kinran.virtual.dng import write_dng

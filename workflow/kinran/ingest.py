@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from kinran import encoding, photographs
-from kinran.exif import exif_seconds
-from kinran.exposures import time_in_name
 from kinran.files import InputError, check_name, sha256, write_json
 from kinran.lights import Light, lp_file, read_lp
 from kinran.plans import LIST_GROUP, Group, Plan, PlanLight, Shot, list_group_names, read_plan, write_plan
-from kinran.raw import is_raw
+from kinran.radiance.exif import exif_seconds
+from kinran.radiance.exposures import time_in_name
+from kinran.radiance.raw import is_raw
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -14,7 +14,7 @@ from kinran.encoding import Encoding
 from kinran.exr import read_exr
 from kinran.files import InputError
 from kinran.lights import Light
-from kinran.raw import RAW, is_raw, raw_size
+from kinran.radiance.raw import RAW, is_raw, raw_size
 
 Image = NDArray[np.float32]
 

@@ -10,7 +10,7 @@ rule calibrate:
     benchmark:
         "results/{fabric}/benchmarks/calibrate.tsv"
     params:
-        code=digest("kinran.calibrate"),
+        code=digest("kinran.radiance.calibrate"),
     shell:
         "python -m kinran calibrate {output:q} --plan {input.plan:q} --manifests {input.manifest:q}"
         " 2>&1 | tee {log}"
@@ -32,7 +32,7 @@ rule merge:
         runtime=20,
     params:
         stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
-        code=digest("kinran.merge_group"),
+        code=digest("kinran.radiance.merge_group"),
     shell:
         "python -m kinran merge-group --plan {input.plan:q} --calibration {input.calibration:q}"
         " --manifest {input.manifest:q} --receipt {output:q} {params.stack:q} 2>&1 | tee {log}"
@@ -53,7 +53,7 @@ rule stack:
     params:
         holdout=config["holdout"],
         stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
-        code=digest("kinran.assemble"),
+        code=digest("kinran.radiance.assemble"),
     shell:
         "python -m kinran stack {params.stack:q} --plan {input.plan:q} --calibration {input.calibration:q}"
         " --manifests {input.manifests:q} --receipts {input.receipts:q} --holdout {params.holdout}"

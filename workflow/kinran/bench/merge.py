@@ -22,15 +22,15 @@ from numpy.typing import NDArray
 
 from kinran.bench import merge_accuracy, merge_real
 from kinran.bench.merge_accuracy import BLACK, CLIP, RESPONSE, SECONDS, sixteen_bit
-from kinran.bracket import estimate_rows
-from kinran.calibration import Calibration, Camera, Exposure, write_calibration
 from kinran.exr import read_exr, write_rgb
 from kinran.files import write_json
 from kinran.plans import Group, Plan, PlanLight, Shot, write_plan
-from kinran.raw import read_raw
-from kinran.shots import Bracket, Frame, Taken
+from kinran.radiance.bracket import estimate_rows
+from kinran.radiance.calibration import Calibration, Camera, Exposure, write_calibration
+from kinran.radiance.raw import read_raw
+from kinran.radiance.shots import Bracket, Frame, Taken
+from kinran.radiance.superpixels import merge_bracket
 from kinran.stack import SHARD, Light, Stack, write_metadata, write_shards
-from kinran.superpixels import merge_bracket
 from kinran.virtual.dng import write_dng
 
 REPEATS = 5
@@ -167,7 +167,7 @@ def memory(folder: Path, rows: int, columns: int) -> dict[str, Any]:
     manifest, plan, calibration = _group(folder, rows, columns)
     files = ["--plan", str(plan), "--calibration", str(calibration), "--manifest", str(manifest)]
     whole = _peak([sys.executable, "-m", "kinran", "merge-group", *files, str(folder / "memory.zarr")])
-    imports = "import kinran.merge_group, zarr, rawpy, kinran.superpixels"
+    imports = "import kinran.radiance.merge_group, zarr, rawpy, kinran.radiance.superpixels"
     base = _peak([sys.executable, "-c", imports])
     return {"lights": SHARD, "base_mb": base, "peak_mb": whole, "over_base_mb": whole - base}
 

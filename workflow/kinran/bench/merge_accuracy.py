@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm, poisson
 
-from kinran.bracket import Response, estimate
-from kinran.response import Curve, merge_debevec
+from kinran.radiance.bracket import Response, estimate
+from kinran.radiance.response import Curve, merge_debevec
 
 Array = NDArray[np.float64]
 

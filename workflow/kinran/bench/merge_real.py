@@ -12,11 +12,11 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from kinran import colour_chart
-from kinran.bracket import MARGIN, Response, estimate_rows
-from kinran.calibration import Exposure
-from kinran.exposures import measure, row_seconds, time_in_name
-from kinran.noise import measure_noise
+from kinran.radiance import colour_chart
+from kinran.radiance.bracket import MARGIN, Response, estimate_rows
+from kinran.radiance.calibration import Exposure
+from kinran.radiance.exposures import measure, row_seconds, time_in_name
+from kinran.radiance.noise import measure_noise
 
 Array = NDArray[np.float64]
 

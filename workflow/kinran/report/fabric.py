@@ -10,11 +10,11 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from kinran import pictures
-from kinran.calibration import Calibration, read_calibration
 from kinran.exr import read_exr
 from kinran.files import read_json
 from kinran.labels import Region, read_labels, read_regions
 from kinran.plans import Plan, read_plan
+from kinran.radiance.calibration import Calibration, read_calibration
 from kinran.report import charts
 from kinran.report.page import embed, embed_file
 from kinran_bsdf.colours import TO_REC709

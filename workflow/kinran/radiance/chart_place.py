@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.colour_chart import COLUMNS, INSIDE, ROWS
 from kinran.files import InputError
+from kinran.radiance.colour_chart import COLUMNS, INSIDE, ROWS
 
 Image = NDArray[np.float32]
 Array = NDArray[np.float64]

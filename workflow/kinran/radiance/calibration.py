@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.bracket import Response
 from kinran.files import InputError, read_json, write_json
-from kinran.flat import Flat
+from kinran.radiance.bracket import Response
+from kinran.radiance.flat import Flat
 
 VERSION = 2
 

@@ -6,11 +6,11 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.bracket import DARK_SIGMA, estimate_rows
-from kinran.calibration import Camera
-from kinran.exposures import ratio, ratio_to, row_seconds
 from kinran.files import InputError
-from kinran.shots import MISLABELLED, Bracket, site_black
+from kinran.radiance.bracket import DARK_SIGMA, estimate_rows
+from kinran.radiance.calibration import Camera
+from kinran.radiance.exposures import ratio, ratio_to, row_seconds
+from kinran.radiance.shots import MISLABELLED, Bracket, site_black
 from kinran.stack import DARK, HOT, SATURATED, SHIFTED
 
 Image = NDArray[np.float32]

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran import mahalanobis
-from kinran.appearance import Appearance, over_lights
 from kinran.exr import write_exr
 from kinran.files import NAME, InputError
 from kinran.labels import Region, write_labels, write_regions
+from kinran.segment import mahalanobis
+from kinran.segment.appearance import Appearance, over_lights
 from kinran.stack import Stack
 from kinran_bsdf.colours import TO_REC709
 

@@ -15,22 +15,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran import chart_place, colour_chart
-from kinran.bracket import Response
-from kinran.calibration import Calibration, Camera, write_calibration
 from kinran.encoding import Encoding, parse
 from kinran.files import InputError
-from kinran.flat import Flat, fit_flat
 from kinran.frames import direction
-from kinran.glare import estimate_glare
-from kinran.lamp import irradiance, level
 from kinran.photographs import parse_crop
 from kinran.photographs import read as read_photograph
 from kinran.plans import Plan, read_plan
-from kinran.radiometry import to_radiance
-from kinran.raw import camera_matrix, is_raw
-from kinran.response import Curve
-from kinran.sensor import (
+from kinran.radiance import chart_place, colour_chart
+from kinran.radiance.bracket import Response
+from kinran.radiance.calibration import Calibration, Camera, write_calibration
+from kinran.radiance.flat import Flat, fit_flat
+from kinran.radiance.glare import estimate_glare
+from kinran.radiance.lamp import irradiance, level
+from kinran.radiance.radiometry import to_radiance
+from kinran.radiance.raw import camera_matrix, is_raw
+from kinran.radiance.response import Curve
+from kinran.radiance.sensor import (
     MOST_BAD,
     dead_sites,
     measure_dark,
@@ -38,10 +38,10 @@ from kinran.sensor import (
     measure_saturation,
     photon_transfer,
 )
-from kinran.shots import FULL, Bracket, Taken, read_bracket, read_manifest, site_black
+from kinran.radiance.shots import FULL, Bracket, Taken, read_bracket, read_manifest, site_black
+from kinran.radiance.superpixels import merge_bracket
+from kinran.radiance.uncalibrated import decoder_of, describe
 from kinran.stack import HOT, SATURATED
-from kinran.superpixels import merge_bracket
-from kinran.uncalibrated import decoder_of, describe
 
 Array = NDArray[np.float64]
 

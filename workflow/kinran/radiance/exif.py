@@ -4,7 +4,7 @@ from pathlib import Path
 
 from PIL import Image as Pillow
 
-from kinran.raw import is_raw
+from kinran.radiance.raw import is_raw
 
 EXIF, TIME = 0x8769, 0x829A
 

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.bracket import Response
-from kinran.calibration import Exposure
-from kinran.exposures import discrepancy, measure, third_stop
 from kinran.files import InputError
-from kinran.shots import MISLABELLED, Bracket, light_of, site_black
+from kinran.radiance.bracket import Response
+from kinran.radiance.calibration import Exposure
+from kinran.radiance.exposures import discrepancy, measure, third_stop
+from kinran.radiance.shots import MISLABELLED, Bracket, light_of, site_black
 
 Array = NDArray[np.float64]
 

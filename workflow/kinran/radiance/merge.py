@@ -14,18 +14,18 @@ from pathlib import Path
 
 import numpy as np
 
-from kinran.calibration import Camera
 from kinran.encoding import parse
-from kinran.exif import exif_seconds
-from kinran.exposures import parse_times, time_in_name
 from kinran.exr import write_exr
 from kinran.files import InputError
 from kinran.photographs import SUFFIXES, Crop
-from kinran.raw import is_raw
-from kinran.shots import FULL, Bracket, Frame, Taken, read_bracket
+from kinran.radiance.calibration import Camera
+from kinran.radiance.exif import exif_seconds
+from kinran.radiance.exposures import parse_times, time_in_name
+from kinran.radiance.raw import is_raw
+from kinran.radiance.shots import FULL, Bracket, Frame, Taken, read_bracket
+from kinran.radiance.superpixels import Superpixels, merge_sites
+from kinran.radiance.uncalibrated import decoder_of, describe
 from kinran.stack import SATURATED
-from kinran.superpixels import Superpixels, merge_sites
-from kinran.uncalibrated import decoder_of, describe
 
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 

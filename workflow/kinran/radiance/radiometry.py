@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.calibration import Camera
-from kinran.flat import divide, nearest
-from kinran.glare import remove_glare
+from kinran.radiance.calibration import Camera
+from kinran.radiance.flat import divide, nearest
+from kinran.radiance.glare import remove_glare
 
 Image = NDArray[np.float32]
 Flags = NDArray[np.uint8]

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from clusters_in_colour import agreement, expectation_maximisation
 
-from kinran import mahalanobis
-from kinran.appearance import Appearance, over_lights
 from kinran.files import InputError
 from kinran.frames import direction
-from kinran.segment import Seed, colour_name, describe, parse_seeds, segment
+from kinran.segment import Seed, colour_name, describe, mahalanobis, parse_seeds, segment
+from kinran.segment.appearance import Appearance, over_lights
 from kinran.stack import Light, Stack, write_metadata, write_shards
 from kinran.virtual.weave import VirtualFabric
 

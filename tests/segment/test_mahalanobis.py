@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from clusters_in_colour import agreement, blobs, expectation_maximisation
 
-from kinran import mahalanobis
+from kinran.segment import mahalanobis
 
 MAP = (60, 100)
 

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.calibration import Calibration
 from kinran.encoding import Encoding, parse
 from kinran.files import InputError, read_json
 from kinran.photographs import CLIPPED, Crop, parse_crop
 from kinran.photographs import read as read_photograph
 from kinran.plans import Plan
-from kinran.raw import RawFrame, is_raw, read_raw
-from kinran.response import Curve
+from kinran.radiance.calibration import Calibration
+from kinran.radiance.raw import RawFrame, is_raw, read_raw
+from kinran.radiance.response import Curve
 from kinran.stack import SATURATED
 
 Image = NDArray[np.float32]

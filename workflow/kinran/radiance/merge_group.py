@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.calibration import Calibration, read_calibration
 from kinran.files import InputError, write_json
-from kinran.lamp import lamp_gains, level
 from kinran.plans import read_plan
-from kinran.radiometry import to_radiance
-from kinran.shots import Taken, read_bracket, read_light, read_manifest, read_shot
+from kinran.radiance.calibration import Calibration, read_calibration
+from kinran.radiance.lamp import lamp_gains, level
+from kinran.radiance.radiometry import to_radiance
+from kinran.radiance.shots import Taken, read_bracket, read_light, read_manifest, read_shot
+from kinran.radiance.superpixels import merge_bracket
 from kinran.stack import SATURATED, SHARD, ShardWriter, group_shards
-from kinran.superpixels import merge_bracket
 
 Image = NDArray[np.float32]
 Flags = NDArray[np.uint8]

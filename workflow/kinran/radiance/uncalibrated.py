@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.bracket import MARGIN, Response, guarded
-from kinran.calibration import Camera
 from kinran.encoding import Encoding, parse
-from kinran.exposures import discrepancy, measure, row_seconds, third_stop
 from kinran.files import InputError
-from kinran.noise import measure_noise
 from kinran.photographs import CLIPPED, Crop
 from kinran.photographs import read as read_photograph
-from kinran.response import Curve, recover
-from kinran.shots import FULL, MISLABELLED, Bracket
-from kinran.superpixels import mislabelled
+from kinran.radiance.bracket import MARGIN, Response, guarded
+from kinran.radiance.calibration import Camera
+from kinran.radiance.exposures import discrepancy, measure, row_seconds, third_stop
+from kinran.radiance.noise import measure_noise
+from kinran.radiance.response import Curve, recover
+from kinran.radiance.shots import FULL, MISLABELLED, Bracket
+from kinran.radiance.superpixels import mislabelled
 
 Array = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from kinran.calibration import read_calibration
-from kinran.colour_chart import apply
 from kinran.files import InputError, atomic
+from kinran.radiance.calibration import read_calibration
+from kinran.radiance.colour_chart import apply
 from kinran.stack import LARGEST, Stack
 
 Image = NDArray[np.float32]

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.calibration import Camera
 from kinran.files import InputError
-from kinran.shots import Taken
+from kinran.radiance.calibration import Camera
+from kinran.radiance.shots import Taken
 from kinran.stack import HOT
 
 Image = NDArray[np.float32]

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.bracket import MARGIN, TAPER
+from kinran.radiance.bracket import MARGIN, TAPER
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.uint16]

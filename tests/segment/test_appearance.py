@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from kinran.appearance import Appearance, median_unclipped
+from kinran.segment.appearance import Appearance, median_unclipped
 
 
 def test_black_and_bright_texels_have_finite_features() -> None:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from kinran.bracket import Response, ratio_sums
-from kinran.calibration import Exposure
 from kinran.files import InputError
+from kinran.radiance.bracket import Response, ratio_sums
+from kinran.radiance.calibration import Exposure
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.uint16]

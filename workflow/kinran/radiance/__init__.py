@@ -1,0 +1,1 @@
+"""From frames of a camera to linear radiance with its noise: calibration, merge and stack."""
