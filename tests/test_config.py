@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from kinran.code import ROOT
-from kinran.config import lobes_of, read_fabrics, read_revisions
+from kinran.config import SCHEMAS, lobes_of, read_fabrics, read_revisions
 from kinran.files import InputError
 
 SHIPPED = yaml.safe_load((ROOT / "config.yaml").read_text())
@@ -58,6 +58,8 @@ def test_the_shipped_config_is_good() -> None:
         (lambda c: c["rig"].update(thetas=[0, 20, 40], meridians=3), "put a multiple of 4 meridians in a group"),
         (lambda c: c.update(fabrics="none.tsv"), "none.tsv: cannot be read"),
         (lambda c: c["virtual"].update(texels=4), "virtual.texels"),
+        (lambda c: c["rig"].update(camera_mm=0), "rig.camera_mm"),
+        (lambda c: c["rig"].update(chart_corners="1,2,3"), "rig.chart_corners"),
     ],
 )
 def test_bad_configs(change: Callable[[dict[str, Any]], object], says: str) -> None:
@@ -114,3 +116,50 @@ def test_one_lobe_where_lights_are_few(project: Path) -> None:
     assert lobes_of(config, read_fabrics(config)["tiny"]) == (2, "gaussian")
     config["rig"].update(thetas=[0, 20, 40, 60, 80], phis=8)
     assert lobes_of(config, read_fabrics(config)["tiny"]) == (1, "ggx")
+
+
+def test_distances_of_a_set(project: Path) -> None:
+    """Columns that a sheet may have; on the rig, the config has them."""
+    (project / "set").mkdir()
+    (project / "set" / "a.lp").write_text("1\na.png 0 0 1\n")
+    columns = f"{FABRICS}\tlamp_mm\tfield_mm\tcamera_mm"
+    sheet(project, "fabrics", columns, "dome\tset\t\t\t\t\t300\t60.5\t", "tiny\trig\t\t\t2\t\t\t\t")
+    fabrics = read_fabrics(copy.deepcopy(SHIPPED))
+    assert fabrics["dome"].distance_options == "--lamp-mm 300 --field-mm 60.5"
+    assert fabrics["tiny"].distance_options == ""
+    sheet(project, "fabrics", columns, "tiny\trig\t\t\t2\t\t\t60\t")
+    with pytest.raises(InputError, match="'tiny' lies on the rig, whose distances and chart"):
+        read_fabrics(copy.deepcopy(SHIPPED))
+    sheet(project, "fabrics", columns, "dome\tset\t\t\t\t\t-3\t\t")
+    with pytest.raises(InputError, match="lamp_mm: '-3' does not match"):
+        read_fabrics(copy.deepcopy(SHIPPED))
+
+
+def test_the_chart_of_a_set(project: Path) -> None:
+    """Its photograph lies beside the others; on the rig, the config says what is known of it."""
+    (project / "set").mkdir()
+    (project / "set" / "a.lp").write_text("1\na.png 0 0 1\n")
+    (project / "set" / "my chart.tif").touch()
+    columns = f"{FABRICS}\tchart\tchart_corners\tlamp"
+    sheet(project, "fabrics", columns, "dome\tset\t\t\t\t\tmy chart.tif\t\txenon", "tiny\trig\t\t\t2\t\t\t\t")
+    config = copy.deepcopy(SHIPPED)
+    config["rig"]["chart_corners"] = "0,0,9,0,9,6,0,6"
+    fabrics = read_fabrics(config)
+    assert fabrics["dome"].chart.options == "--chart 'set/my chart.tif' --chart-corners='' --lamp=xenon"
+    assert fabrics["tiny"].chart.options == "--chart-corners=0,0,9,0,9,6,0,6 --lamp=''"
+    for cells, says in (("none.tif\t\t", "none.tif is no file"), ("\t\txenon", "fabric 'dome' has no chart")):
+        sheet(project, "fabrics", columns, f"dome\tset\t\t\t\t\t{cells}")
+        with pytest.raises(InputError, match=says):
+            read_fabrics(copy.deepcopy(SHIPPED))
+
+
+@pytest.mark.parametrize("schema", sorted(path.name for path in SCHEMAS.glob("*.yaml")))
+def test_every_key_is_described(schema: str) -> None:
+    def undescribed(rules: dict[str, Any], at: str) -> list[str]:
+        found = []
+        for key, rule in rules.get("properties", {}).items():
+            own = [] if "description" in rule or "properties" in rule else [f"{at}{key}"]
+            found += own + undescribed(rule, f"{at}{key}.")
+        return found
+
+    assert undescribed(yaml.safe_load((SCHEMAS / schema).read_text()), "") == []

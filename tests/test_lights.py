@@ -28,6 +28,52 @@ def test_byte_order_mark_and_blank_lines(tmp_path: Path) -> None:
     assert len(read_lp(write(tmp_path, "\ufeff" + GOOD.replace("\n", "\n\n")))) == 2
 
 
+@pytest.mark.parametrize(
+    "data",
+    [
+        ("# made by hand\n" + GOOD).encode(),
+        GOOD.replace("\n", "\n# a note of three words 1 2 x\n", 1).encode(),
+        GOOD.replace("\n", "\r\n").encode(),
+        GOOD.replace("\n", "\r").encode(),
+        GOOD.replace("\n", " \n").replace("image02.jpg ", "image02.jpg\t").encode(),
+        GOOD.encode("utf-16"),
+        GOOD.replace("some folder\\image 01.jpg", '"image 01.jpg"').encode(),
+    ],
+    ids=["comment", "comment inside", "CRLF", "CR", "tabs", "UTF-16", "quotes"],
+)
+def test_what_other_programs_write(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "dirs.lp").write_bytes(data)
+    lights = read_lp(tmp_path / "dirs.lp")
+    assert [light.file for light in lights] == ["image 01.jpg", "image02.jpg"]
+    np.testing.assert_allclose(directions(lights), [[0, 0, 1], [0.6, 0, 0.8]])
+    assert [light.length for light in lights] == pytest.approx([2, 1])
+
+
+def test_names_of_another_code_page(tmp_path: Path) -> None:
+    (tmp_path / "dirs.lp").write_bytes("1\nétoffe.jpg 0 0 1\n".encode("cp1252"))
+    assert read_lp(tmp_path / "dirs.lp")[0].name == "étoffe"
+
+
+def test_a_name_that_begins_with_the_sign_of_a_comment(tmp_path: Path) -> None:
+    assert [light.name for light in read_lp(write(tmp_path, "1\n#1.jpg 0 0 1\n"))] == ["#1"]
+
+
+@pytest.mark.parametrize(
+    ("file", "folder"),
+    [
+        ("photos/a.jpg", "photos"),
+        ("photos\\left one\\a.jpg", "photos/left one"),
+        ("C:\\set 1\\a.jpg", ""),
+        ("/home/me/a.jpg", ""),
+        ("../other/a.jpg", ""),
+        ("a.jpg", ""),
+    ],
+)
+def test_folders_beside_the_file_count(tmp_path: Path, file: str, folder: str) -> None:
+    light = read_lp(write(tmp_path, f"1\n{file} 0 0 1\n"))[0]
+    assert (light.name, light.file, light.folder) == ("a", "a.jpg", folder)
+
+
 def test_writes_what_it_reads(tmp_path: Path) -> None:
     lights = [Light("a", (0.0, 0.0, 1.0), "a.png"), Light("b c", (0.6, 0.0, 0.8), "b c.png")]
     write_lp(tmp_path / "x.lp", lights)
@@ -51,6 +97,9 @@ def test_more_than_a_thousand_lights(tmp_path: Path) -> None:
         ("2\na.jpg 0 0 1\na.png 0 0.1 1\n", "names 'a' again (first in line 2)"),
         ("1\na.jpg 0 1\n", "is not 'file x y z'"),
         ("1\na.jpg 0 x 1\n", "is not 'file x y z'"),
+        ("1\na.jpg 0 0 1 0.7\n", "line 2 has more than three numbers: 'a.jpg 0 0 1 0.7'"),
+        ("1\na b.jpg 0.1 0.2 0.9 255 255 255\n", "line 2 has more than three numbers"),
+        ("1\na.jpg,0,0,1\n", "is not 'file x y z'"),
         ("a.jpg 0 0 1\n", "first line is not the number of lights"),
         ("", "first line is not the number of lights"),
     ],

@@ -100,3 +100,13 @@ def test_find_does_not_mind_another_suffix_but_minds_two(tmp_path: Path) -> None
         find(tmp_path, [Light("b", (0, 0, 1), "b.jpg")])
     with pytest.raises(InputError, match="no such folder"):
         find(tmp_path / "none", [])
+
+
+def test_find_does_not_mind_capitals_and_looks_into_the_folder_that_is_named(tmp_path: Path) -> None:
+    (tmp_path / "A.JPG").touch()
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "b.jpg").touch()
+    lights = [Light("a", (0, 0, 1), "a.jpg", "photos"), Light("b", (0, 0, 1), "b.jpg", "photos")]
+    assert find(tmp_path, lights) == {"a": tmp_path / "A.JPG", "b": tmp_path / "photos" / "b.jpg"}
+    (tmp_path / "a.jpg").touch()
+    assert find(tmp_path, lights[:1]) == {"a": tmp_path / "a.jpg"}

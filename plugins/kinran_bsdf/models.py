@@ -169,11 +169,10 @@ def relight(material: Material, lights: ArrayLike) -> NDArray[np.float32]:
     directions = np.atleast_2d(np.asarray(lights, np.float64))
     height, width = material.size
     images = np.empty((len(directions), height, width, 3), np.float32)
-    back = np.linalg.inv(material.from_stack).T.astype(np.float32) * np.float32(np.pi)
     rows = max(1, (1 << 16) // width)  # a block stays in the cache while all lights pass over it
     for top in range(0, height, rows):
         block = slice(top, min(top + rows, height))
-        terms = [(c @ back, np.ascontiguousarray(np.moveaxis(s, -1, 0))) for c, s in material.terms(block)]
+        terms = _terms(material, block)
         for k, light in enumerate(directions):
             images[k, block] = _radiance(material, terms, light)
         if material.residual is not None:
@@ -181,6 +180,46 @@ def relight(material: Material, lights: ArrayLike) -> NDArray[np.float32]:
             for k, factors in enumerate(material.residual.basis(directions)):
                 images[k, block] = relit(images[k, block], material.residual, maps, factors)
     return images
+
+
+def relight_texels(material: Material, lights: ArrayLike, view: ArrayLike) -> NDArray[np.float32]:
+    """The lobes of a fabric as they were measured, each texel under its own lights and seen from its own direction.
+
+    Near N these are what the lobes were fitted to; nothing of `lobe_lift` is in them, which is of other views.
+
+    Parameters
+    ----------
+    material
+        Maps of the fabric; its residual is left out.
+    lights : (n, H, W, 3) float
+        Unit directions towards the lights.
+    view : (H, W, 3) float
+        Unit directions towards the camera.
+
+    Returns
+    -------
+    (n, H, W, 3) float32
+        As of `relight`.
+    """
+    (colour, (x, y)), *lobes = _terms(material, slice(None))
+    towards = np.moveaxis(np.asarray(view, np.float32), -1, 0)
+    images = np.empty((len(np.asarray(lights)), *material.size, 3), np.float32)
+    for k, light in enumerate(np.moveaxis(np.asarray(lights, np.float32), -1, 1)):
+        images[k] = colour * diffuse(tuple(light), x, y)[..., None]
+        for strength, shape in lobes:
+            if material.model == "takeda2008":
+                value = takeda_lobe(*half_angles(towards, light), *shape)
+            else:
+                mx, my, xx, xy, yy = shape
+                value = slope_lobe(*half_slopes(towards, light), mx, my, xx, xy, yy, material.tail)
+            images[k] += strength * value[..., None]
+    return images
+
+
+def _terms(material: Material, rows: slice) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+    """Colours in the RGB of the stack, and shapes (n, h, W)."""
+    back = np.linalg.inv(material.from_stack).T.astype(np.float32) * np.float32(np.pi)
+    return [(c @ back, np.ascontiguousarray(np.moveaxis(s, -1, 0))) for c, s in material.terms(rows)]
 
 
 def _radiance(

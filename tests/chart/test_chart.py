@@ -1,5 +1,6 @@
 """From the rows of an experiment to front, table, drawing and page."""
 
+import json
 import math
 from pathlib import Path
 from xml.etree import ElementTree
@@ -8,11 +9,13 @@ import numpy as np
 import pytest
 from trials import shiny_trial
 
-from kinran import canvas
-from kinran.chart import experiments, figure, front, meter, page, rows
-from kinran.chart.methods import methods
+from kinran import canvas, stability
+from kinran.chart import experiments, explorer, figure, front, meter, page, rows, scatter
+from kinran.chart import table as joining
+from kinran.chart.method import Method
+from kinran.chart.methods import linear, methods
 from kinran.chart.rows import Row
-from kinran.files import InputError
+from kinran.files import InputError, write_json
 
 
 def row(method: str, family: str, microseconds: float, size: float, error: float) -> Row:
@@ -70,26 +73,47 @@ def test_table_round_trip(tmp_path: Path) -> None:
         rows.read(tmp_path / "missing.csv")
 
 
+CHEAP = ("PTM", "Lambert", "Delaunay", "HSH 16", "four steps", "PCA 16", "Lafortune")
+
+
 @pytest.fixture(scope="module")
 def table() -> list[Row]:
     """All experiments on the small trial, with a default that is 10 % too bright."""
     tried = shiny_trial()
+    names = ["gold", "red"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(experiments, "methods", lambda: [m for m in methods() if m.family != "kinran"])
         patch.setattr(meter, "bandwidth", lambda: 1e10)
-        default = ("default <slope>", tried.truth * np.float32(1.1), {"microseconds": 5.0, "bytes": 28.0})
-        return experiments.run(tried, "cloth", ["gold", "red"], default)
+        default = Method("default <slope>", "default", linear.METHODS[0].fit, 4, True)
+        found = experiments.run(tried, "cloth", names, [m for m in methods() if m.name in CHEAP])
+        cost = {"microseconds": 5.0, "bytes": 28.0, "memory_mb": 2.0}
+        found += experiments.judged("cloth", default, tried.truth * np.float32(1.1), tried, names, cost)
+        found += experiments.with_less(tried, "cloth", default)
+    for method, share in (("Mahalanobis", 0.98), ("EM", 0.9)):
+        found.append(Row("cloth", "segmentation", "all texels", method, "baseline", 45, {"accuracy": share}))
+    return joining.joined([*found, FLOOR])
 
 
 def test_experiments_cover_what_the_chart_draws(table: list[Row]) -> None:
     found = {name: [r for r in table if r.experiment == name] for name in {r.experiment for r in table}}
-    assert set(found) == {"floor", "all", "theta", "region", "directions", "exposures", "extrapolation"}
+    assert set(found) == {"floor", "all", "theta", "region", "directions", "exposures",
+        "ring", "extrapolation", "segmentation"}  # fmt: skip
     assert [r.setting for r in found["directions"] if r.method == "PTM"] == ["45", "30", "16"]
     assert [r.setting for r in found["exposures"] if r.method == "PTM"] == ["3", "2"]
     assert {r.setting for r in found["region"]} == {"gold", "red"}
     assert next(r for r in found["all"] if r.family == "default")["relative_error"] == pytest.approx(0.1, rel=1e-4)
     assert all(r.lights == 45 for r in found["all"])
-    assert found["floor"][0]["microseconds"] == pytest.approx(1e6 * 45 * 12 / 1e10)
+    assert {r.setting for r in found["ring"]} == {r.setting for r in found["theta"]}
+    assert all(r.lights < 45 for r in found["ring"])
+    assert {r.method for r in found["directions"]} == {"default <slope>", *CHEAP} - {"Lambert"}
+
+
+def test_joined_tables_have_the_least_floor_and_the_default_first(table: list[Row]) -> None:
+    floors = [r["microseconds"] for r in table if r.experiment == "floor"]
+    assert floors == pytest.approx([1e6 * 45 * 12 / 1e10])  # under the 0.5 of the other one
+    whole = [r for r in table if r.experiment == "all"]
+    assert whole[0].family == "default"
+    sizes = [r["bytes"] for r in whole if r.family == "baseline"]
+    assert sizes == sorted(sizes)
 
 
 def test_fewer_exposures_and_lights_are_worse_for_interpolation(table: list[Row]) -> None:
@@ -100,7 +124,7 @@ def test_fewer_exposures_and_lights_are_worse_for_interpolation(table: list[Row]
 
 def test_extrapolation_is_worse_than_interpolation(table: list[Row]) -> None:
     own = {(r.experiment, r.setting): r["relative_error"] for r in table if r.method == "PTM" and r.setting == "65–90°"}
-    assert own["extrapolation", "65–90°"] > own["theta", "65–90°"]
+    assert own["extrapolation", "65–90°"] > own["ring", "65–90°"] > own["theta", "65–90°"]
 
 
 def test_drawing_is_well_formed_and_escaped(table: list[Row], tmp_path: Path) -> None:
@@ -119,6 +143,46 @@ def test_drawing_is_well_formed_and_escaped(table: list[Row], tmp_path: Path) ->
             assert -1 <= y <= drawing.height + 1
 
 
+def boxes(drawing: canvas.Canvas) -> list[tuple[float, float, float, float]]:
+    """Of the names at the dots: left, top, right, bottom, as they are drawn."""
+    found = []
+    for mark in drawing.marks:
+        if mark.kind == "text" and mark.series:
+            (x, y), width = mark.points[0], 5.6 * len(mark.text)
+            found.append((x, y - 9, x + width, y + 2))
+    return found
+
+
+def test_names_do_not_overlap_though_dots_are_close() -> None:
+    rng = np.random.default_rng(0)
+    crowd = [
+        row(f"method number {k}", "kinran", *(float(v) for v in np.exp(rng.normal(3, 0.15, 2))), 0.1 + 0.003 * k)
+        for k in range(16)
+    ]
+    drawing = scatter.scatter(crowd, "microseconds", "relative_error", FLOOR)
+    found = boxes(drawing)
+    assert len(found) == 16
+    for k, a in enumerate(found):
+        for b in found[:k]:
+            assert min(a[2], b[2]) <= max(a[0], b[0]) or min(a[3], b[3]) <= max(a[1], b[1])
+
+
+def test_the_floor_says_its_number() -> None:
+    drawing = scatter.scatter([row("PTM", "baseline", 1, 36, 0.8)], "microseconds", "relative_error", FLOOR)
+    (label,) = [mark.text for mark in drawing.marks if mark.text.startswith("floor")]
+    assert "0.5 µs" in label
+    assert "2.4 GB/s" in label  # 100 lights × 12 bytes in 0.5 µs
+
+
+def test_explorer_holds_its_data_and_cannot_be_broken_out_of() -> None:
+    text = explorer.markup([FLOOR, row("</script><b>", "kinran", 1, 28, 0.05)], "relative_error")
+    assert text.count("</script>") == 1
+    data = json.loads(text.split('json">')[1].split("</script>")[0])
+    assert data["rows"][0]["method"] == "</script><b>"
+    assert data["floor"] == 0.5
+    assert '<option value="relative_error" selected>' in text
+
+
 def test_exploded_errors_are_drawn_at_the_edge() -> None:
     table = [FLOOR, row("default (slope)", "default", 10, 28, 0.1), row("PTM", "baseline", 1, 36, 0.8)]
     for setting, value in (("100", 0.1), ("30", 2000.0), ("16", math.inf)):
@@ -132,13 +196,18 @@ def test_page_holds_the_charts_of_all_fabrics(table: list[Row], tmp_path: Path) 
 
     rows.write(tmp_path / "a.csv", table)
     rows.write(tmp_path / "b.csv", [FLOOR, row("default (slope)", "default", 10, 28, 0.1)])
-    page.main(argparse.Namespace(charts=[tmp_path / "a.csv", tmp_path / "b.csv"], out=tmp_path / "chart.html"))
+    write_json(tmp_path / "s.json", stable())
+    charts = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    page.main(argparse.Namespace(charts=charts, stability=tmp_path / "s.json", out=tmp_path / "chart.html"))
     text = (tmp_path / "chart.html").read_text(encoding="utf-8")
     assert text.count("<section>") == text.count("<svg") == 2
+    assert "Eq. &lt;3&gt;" in text
+    assert '<td class="failed">0.700</td>' in text
     assert "default <slope>" not in text
     assert "default &lt;slope&gt;" in text
     assert "http://www.w3.org/2000/svg" in text
     assert "src=" not in text
+    assert "href=" not in text
 
 
 def test_memory_and_time_are_seen() -> None:
@@ -152,3 +221,60 @@ def test_memory_and_time_are_seen() -> None:
     if cost.memory < 0:
         pytest.skip("this kernel does not let the peak of memory be reset")
     assert 60 < cost.memory < 80
+
+
+def stable() -> dict[str, list[dict[str, object]]]:
+    """One case as `kinran bench stability` writes it."""
+    row = {"case": "pole", "parameter": "0°", "method": "Eq. <3>", "error": 0.05}
+    worst = {"case": "pole", "parameter": "5°", "fails": "Eq. <3>", "error_failing": 0.7}
+    return {
+        "rows": [
+            row,
+            {**row, "parameter": "5°", "error": 0.7},
+            {**row, "parameter": "5°", "method": "x", "error": None},
+        ],
+        "summary": [{**worst, "holds": "x", "error_holding": 0.25}],
+    }
+
+
+def test_a_table_of_stability_that_is_none_is_refused(tmp_path: Path) -> None:
+    write_json(tmp_path / "s.json", [{"case": "pole", "error": 1}])
+    with pytest.raises(InputError, match="no rows of case"):
+        stability.read(tmp_path / "s.json")
+
+
+def test_table_of_stability_has_a_cell_for_what_was_measured_and_none_for_what_was_not(tmp_path: Path) -> None:
+    write_json(tmp_path / "s.json", stable())
+    text = stability.section(stability.read(tmp_path / "s.json"))
+    assert '<tr><td>0°</td><td class="held">0.050</td><td></td></tr>' in text
+    assert '<tr><td>5°</td><td class="failed">0.700</td><td class="failed">not finite</td></tr>' in text
+    assert (
+        '<td class="word">Eq. &lt;3&gt;</td><td class="failed">0.700</td><td class="word">x</td><td>0.250</td>' in text
+    )
+
+
+def test_the_table_reads_what_the_benchmark_writes(tmp_path: Path) -> None:
+    """Its narrowest case alone, on few lights."""
+    from kinran.bench import stability as bench
+
+    rows = [bench._row("pole", "5°", name, np.array([value])) for name, value in (("a", 0.5), ("b", np.nan))]
+    value = {"rows": rows, "summary": [bench.worst([*rows[:1], bench._row("pole", "5°", "c", np.ones(1))], "a", "c")]}
+    write_json(tmp_path / "s.json", value)
+    assert "not finite" in stability.section(stability.read(tmp_path / "s.json"))
+
+
+def test_what_has_no_fit_is_on_the_front_of_bytes_alone() -> None:
+    kept = row("kept", "baseline", 0, 600, 0.05)
+    assert scatter.counts(kept, "bytes")
+    assert not scatter.counts(kept, "microseconds")
+    rows_ = [kept, row("slow", "kinran", 10, 28, 0.06), row("quick", "baseline", 1, 36, 0.5)]
+
+    def filled(cost: str) -> set[str]:
+        drawing = scatter.scatter(rows_, cost, "relative_error")
+        return {m.series for m in drawing.marks if m.kind == "dot" and m.series and m.colour in FULL}
+
+    assert filled("microseconds") == {"slow", "quick"}
+    assert filled("bytes") == {"slow", "kept"}
+
+
+FULL = set(scatter.FAMILIES.values())

@@ -91,3 +91,16 @@ def test_similarity_falls_with_noise_and_with_shift() -> None:
     noisy = [errors.ssim(image, image + rng.normal(0, sd, image.shape)) for sd in (0.01, 0.05, 0.2)]
     assert 1 > noisy[0] > noisy[1] > noisy[2]
     assert errors.ssim(image, np.roll(image, 4, 0)) < 0.9
+
+
+def test_criteria_weigh_the_residual_against_the_numbers() -> None:
+    """A residual e times as large costs n; a number costs 2 or ln n. What goes through its samples has none."""
+    tried = shiny_trial()
+    n = tried.T[0].size
+    noise = np.random.default_rng(0).normal(0, 0.01, tried.T.shape).astype(np.float32)
+    small, large = (errors.criteria(tried.T + scale * noise, tried, 10) for scale in (1, np.float32(np.e)))
+    assert large["aic"] - small["aic"] == pytest.approx(2 * n, rel=1e-3)
+    more = errors.criteria(tried.T + noise, tried, 11)
+    assert more["aic"] - small["aic"] == pytest.approx(2, abs=1e-6)
+    assert more["bic"] - small["bic"] == pytest.approx(np.log(n), abs=1e-6)
+    assert errors.criteria(tried.T, tried, 10) == {}

@@ -1,14 +1,17 @@
 """All methods through one interface: finite, better than nothing, and blind to the held-out lights."""
 
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from trials import shiny_trial
 
-from kinran import encoding
-from kinran.chart import errors
-from kinran.chart.methods import Method, methods
+from kinran import code, encoding
+from kinran.chart import errors, residual
+from kinran.chart.method import Method
+from kinran.chart.methods import kinds, methods, of
 
 ALL = pytest.mark.parametrize("method", methods(), ids=lambda method: method.name)
 
@@ -67,3 +70,52 @@ def test_names_are_unique_and_families_known() -> None:
     names = [method.name for method in methods()]
     assert len(set(names)) == len(names)
     assert {method.family for method in methods()} == {"baseline", "paper", "kinran"}
+    assert sorted(names) == sorted(method.name for kind in kinds() for method in of(kind))
+
+
+def test_another_kind_of_method_changes_the_code_of_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each job holds the digest of its own module: a new file runs one job, and the page."""
+    copy = tmp_path / "kinran"
+    shutil.copytree(code.PACKAGES["kinran"], copy, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setitem(code.PACKAGES, "kinran", copy)
+    modules = [*(f"kinran.chart.methods.{kind}" for kind in kinds()), "kinran.chart.experiments"]
+
+    def digests() -> list[str]:
+        code.digest.cache_clear()
+        code._read.cache_clear()
+        return [code.digest(module) for module in modules]
+
+    before = digests()
+    (copy / "chart" / "methods" / "new.py").write_text("METHODS = ()\n")
+    assert digests() == before
+    (copy / "chart" / "methods" / "linear.py").write_text("METHODS = ()\n")
+    assert [a == b for a, b in zip(digests(), before, strict=True)].count(False) == 1
+
+
+def test_two_lobes_and_a_residual_follow_what_one_lobe_cannot() -> None:
+    """A second gloss on the trial: one lobe leaves it, a residual takes most of it."""
+    tried = shiny_trial()
+
+    def with_gloss(T: np.ndarray, lights: np.ndarray) -> np.ndarray:
+        gloss = np.exp(-((lights[:, 0] - 0.5) ** 2 + (lights[:, 1] - 0.4) ** 2) / 0.35**2)
+        return (T + 0.5 * gloss).astype(np.float32)
+
+    shown = replace(tried, T=with_gloss(tried.T, tried.lights), truth=with_gloss(tried.truth, tried.held_out))
+    error = [
+        errors.summary(residual.fit(shown, "ggx", 1, count).predict(shown.held_out), shown)["relative_error"]
+        for count in (0, 9)
+    ]
+    assert error[1] < 0.5 * error[0]
+
+
+def test_a_region_has_one_shape() -> None:
+    """Bytes of two slopes and two colours; in the trial regions differ in width, so one shape for both is worse."""
+    tried = shiny_trial()
+    (method,) = of("region_shape")
+    apart, together = (
+        errors.summary(method.fit(t).predict(t.held_out), t)["relative_error"]
+        for t in (tried, replace(tried, region=np.zeros_like(tried.region)))
+    )
+    assert apart < 0.05
+    assert together > 1.8 * apart
+    assert method.fit(tried).bytes_per_texel(10**6) == pytest.approx(17, abs=0.01)

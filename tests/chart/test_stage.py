@@ -7,7 +7,7 @@ import pytest
 from trials import SHAPE, shiny_trial
 
 from kinran.__main__ import main
-from kinran.chart import experiments, methods, rows
+from kinran.chart import methods, rows, stage
 from kinran.files import write_json
 from kinran.labels import Region, write_labels, write_regions
 from kinran.stack import Light, write_metadata, write_shards
@@ -56,7 +56,7 @@ def arguments(folder: Path) -> list[str]:
 
 def test_from_files_to_files(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     cheap = [m for m in methods.methods() if m.name in ("Lambert", "PTM", "Delaunay")]
-    monkeypatch.setattr(experiments, "methods", lambda: cheap)
+    monkeypatch.setattr(stage, "methods", lambda: cheap)
     pictures = ["--pictures", str(folder / "chart.svg"), str(folder / "chart.png")]
     assert main([*arguments(folder), *pictures]) == 0
     table = {row.method: row for row in rows.read(folder / "chart.csv") if row.experiment == "all"}
@@ -82,3 +82,30 @@ def test_a_material_of_another_size(folder: Path, capsys: pytest.CaptureFixture[
     assert main([a.replace("radiance.zarr", "other.zarr") for a in arguments(folder)]) == 2
     assert "fit it again" in capsys.readouterr().err
     assert not (folder / "chart.csv").exists()
+
+
+def test_a_kind_at_a_time_joins_to_the_whole(folder: Path) -> None:
+    """The jobs of the workflow: each kind of method alone, the default alone, then one table."""
+    common = arguments(folder)[2:10]
+    assert main(["chart", str(folder / "linear.csv"), *common, "--kind", "linear"]) == 0
+    assert {row.family for row in rows.read(folder / "linear.csv")} == {"floor", "baseline"}
+    parts = arguments(folder)
+    parts[1] = str(folder / "default.csv")
+    assert main([*parts, "--kind", "default"]) == 0
+    tables = [str(folder / "linear.csv"), str(folder / "default.csv")]
+    assert main(["chart-table", str(folder / "whole.csv"), "--tables", *tables]) == 0
+    whole = [row for row in rows.read(folder / "whole.csv") if row.experiment in ("floor", "all")]
+    assert [row.method for row in whole][:3] == ["read the samples once", "default (lambert)", "Lambert"]
+    assert main(["chart", str(folder / "all.csv"), *common]) == 2
+
+
+def test_the_default_is_its_file_under_all_lights_and_its_model_with_fewer(folder: Path) -> None:
+    """The material of the folder is too dark, so its own error is large; its model, fitted again, is Lambert's."""
+    parts = arguments(folder)
+    parts[1] = str(folder / "default.csv")
+    assert main([*parts, "--kind", "default"]) == 0
+    assert main(["chart", str(folder / "linear.csv"), *arguments(folder)[2:10], "--kind", "linear"]) == 0
+    (lambert,) = [r for r in rows.read(folder / "linear.csv") if (r.experiment, r.method) == ("all", "Lambert")]
+    found = {(r.experiment, r.setting): r["relative_error"] for r in rows.read(folder / "default.csv")}
+    assert found["all", ""] > 1.1 * lambert["relative_error"]
+    assert found["directions", str(lambert.lights)] == pytest.approx(lambert["relative_error"], rel=1e-5)

@@ -8,6 +8,8 @@ from kinran import frames
 from kinran.fit import samples, slope, varpro
 from kinran.fit.lobes import TAILS, squared_widths
 from kinran.fit.predict import predict
+from kinran.fit.rows import lobe_rows
+from kinran.fit.start import pair
 
 
 def reference(T: np.ndarray, W: np.ndarray, lights: np.ndarray, tail: str, lobes: int) -> slope.SlopeFit:
@@ -74,6 +76,38 @@ def test_widths_are_bounded_along_their_axes(lights: np.ndarray) -> None:
     xx, xy, yy = squared_widths(fitted.shapes[:, :5])
     thin = np.sqrt(0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy))
     assert (thin > 0.1 * (1 - 1e-3)).all()
+
+
+def test_a_given_start_is_kept(lights: np.ndarray) -> None:
+    """Without iterations the shapes stay, and every texel's colours are those of its own data."""
+    shapes, colours = texels(20)
+    shapes[:, 5:] = 0
+    T = radiance(shapes, colours, lights)
+    W = np.ones((20, len(lights)), np.float32)
+    kept = slope.fit(T, W, lights, bent=False, iterations=0, start=shapes)
+    np.testing.assert_allclose(kept.shapes, shapes, atol=1e-12)
+    np.testing.assert_allclose(kept.colours, colours, rtol=1e-3, atol=1e-4)
+
+
+def test_the_two_gaussians_of_a_ggx_lobe() -> None:
+    """0.76 and 0.21 high they are the lobe to 3 % of its peak."""
+    p = np.zeros(12)
+    pair(p)
+    q = np.linspace(0, 4, 200) ** 2
+    both = 0.76 * np.exp(-q * np.exp(2 * p[2])) + 0.21 * np.exp(-q * np.exp(2 * p[7]))
+    assert np.abs(both - (1 + q) ** -2.0).max() < 0.035
+
+
+def test_gaussian_rows_hold_no_denormals(lights: np.ndarray) -> None:
+    """What is far from a narrow lobe is 0: processors multiply denormals a hundred times slower."""
+    grid = slope._Lights.of(lights, None)
+    root, R = np.ones(grid.solid.size, np.float32), np.zeros((8, grid.solid.size), np.float32)
+    p = np.array([0.1, 0.013, -np.log(0.05), 0.3, -np.log(0.05)])
+    lobe_rows(TAILS["gaussian"], p, 0, grid.slopes, root, root.copy(), R, 5)
+    products = R[:6, None].astype(float) * R[None, :6]
+    for values in (R, products):
+        assert ((values == 0) | (np.abs(values) > np.finfo(np.float32).tiny)).all()
+    assert (R[5] > 0).any()
 
 
 def test_denormals_survive() -> None:

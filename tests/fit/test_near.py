@@ -1,40 +1,99 @@
-"""A field of 60 mm under a lamp at 600 mm: normals bend towards the edges unless each texel has its own lights."""
+"""A field of 60 mm, lamp and camera at 600 mm: normals bend towards the edges unless each texel has its own lights."""
+
+from pathlib import Path
 
 import numpy as np
-from synthetic_texels import grid, radiance
+import pytest
+from cloth_on_disk import Cloth, directions
+from synthetic_texels import grid
 
-from kinran.fit import near, slope
+from kinran import geometry, near
+from kinran.files import read_json
+from kinran.stack import Stack
+from kinran_bsdf import models
+from kinran_bsdf.material import Material, read_material
 
-SIDE, TEXEL, LAMP = 9, 60 / 9, 600.0
-
-
-def flat_field() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Samples of one flat material everywhere, each texel under the lights that it has; lamps; points."""
-    positions = LAMP * grid(10, 24)
-    points = near.texel_points(SIDE, SIDE, TEXEL)
-    directions, factor = near.illumination(positions, points)
-    shapes = np.array([[0, 0, -np.log(0.12), 0, -np.log(0.12), 0, 0.0]])
-    colours = np.array([[[2, 1.5, 0.7], [0.1, 0.02, 0.02]]])
-    T = np.concatenate([radiance(shapes, colours, d) * f for d, f in zip(directions, factor, strict=True)])
-    return T.astype(np.float32), positions, points
+SIDE, FIELD, DISTANCE = 9, 60.0, 600.0
+CAMERA = (0.0, 0.0, DISTANCE)
+WIDTH = 0.12
 
 
-def test_normals_and_brightness_over_the_field() -> None:
-    T, positions, points = flat_field()
-    W = np.ones((len(T), len(positions)), np.float32)
-    far = slope.fit(T, W, positions / LAMP)
-    known = near.fit(T, W, positions, points)
-    bent, straight = (np.degrees(np.arctan(np.linalg.norm(f.shapes[:, :2], axis=1))) for f in (far, known))
-    assert bent.max() > 1.5
-    assert straight.max() < 0.1
-    assert np.ptp(known.colours[:, 0, 0]) < 0.02
-    assert near.matters(positions, points)
+def flat_field(light: np.ndarray) -> np.ndarray:
+    """What one flat material of a GGX lobe on a diffuse floor shows under a lamp (y, x, 3), the distances known."""
+    points = geometry.texel_points(SIDE, SIDE, FIELD / SIDE)
+    towards = geometry.directions_to(DISTANCE * light, points)
+    half = geometry.half_vectors(towards, geometry.directions_to(CAMERA, points))
+    slopes = half[..., :2] / half[..., 2:]
+    lobe = models.slope_lobe(slopes[..., 0], slopes[..., 1], 0, 0, WIDTH**2, 0, WIDTH**2, "ggx")
+    colour = lobe[..., None] * [2, 1.5, 0.7] + towards[..., 2:] * [0.1, 0.02, 0.02]
+    return colour * geometry.falloff(DISTANCE * light, points)[..., None]
 
 
-def test_a_small_field_does_not_matter() -> None:
-    assert not near.matters(LAMP * grid(10, 24), near.texel_points(16, 16, 0.05))
+@pytest.fixture(scope="module")
+def cloths(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Cloth]:
+    lights = grid(10, 12)
+    radiance = np.stack([flat_field(light) for light in lights])
+    held = 8
+    far = Cloth(tmp_path_factory.mktemp("far"), radiance, directions(lights, None, held))
+    known = directions(lights, DISTANCE, held)
+    near_by = Cloth(tmp_path_factory.mktemp("near"), radiance, known, texel_mm=FIELD / SIDE, camera_mm=CAMERA)
+    return {"far": far, "near": near_by}
 
 
-def test_irradiance_falls_with_the_square_of_the_distance() -> None:
-    _, factor = near.illumination(np.array([[0.0, 0.0, 100.0]]), np.array([[0.0, 0.0], [100.0, 0.0]]))
-    np.testing.assert_allclose(factor[:, 0], [1, 0.5])
+def bends(material: Material) -> np.ndarray:
+    """Angle between the lobe's normal and N, in degrees."""
+    return np.degrees(np.arctan(np.hypot(material.channels["lobe1.x"], material.channels["lobe1.y"])))
+
+
+def held_out_error(cloth: Cloth) -> float:
+    given = ["--regions", cloth.folder / "regions.json", "--materials", cloth.folder / "slope.exr"]
+    given += ["--picture", cloth.folder / "errors.png", "--fabric", "cloth"]
+    assert cloth.run("evaluate", "errors.json", *given) == 0
+    return float(read_json(cloth.folder / "errors.json")["methods"]["slope"]["relative_error"])
+
+
+def test_normals_brightness_and_error_over_the_field(cloths: dict[str, Cloth]) -> None:
+    """Edges bend by 2.9° and corners by 4° as if the lamp were far, and by under 0.15° with what is known."""
+    far, known = cloths["far"].fit(), cloths["near"].fit()
+    edge = bends(far)[SIDE // 2, 0]
+    assert edge == pytest.approx(np.degrees(np.arctan(0.5 * 2 * (FIELD / 2 - FIELD / SIDE / 2) / DISTANCE)), rel=0.1)
+    assert bends(far).max() > 3.3
+    assert bends(known).max() < 0.15
+    amplitude = known.channels["lobe1.amplitude"]
+    assert np.ptp(amplitude) < 0.02 * amplitude.mean()
+    assert held_out_error(cloths["far"]) > 5 * held_out_error(cloths["near"])
+
+
+def test_texels_have_lights_of_their_own_in_what_a_material_predicts(cloths: dict[str, Cloth]) -> None:
+    cloth = cloths["near"]
+    material = cloth.fit()
+    stack = Stack.open(cloth.stack)
+    predicted = near.relight(material, stack, (0, SIDE, 0, SIDE), np.array([30]))[0]
+    np.testing.assert_allclose(predicted, flat_field(np.array(stack.lights[30].direction)), rtol=0.02, atol=0.01)
+
+
+def test_a_small_field_does_not_matter(tmp_path: Path) -> None:
+    """Half vectors turn by 0.23° to the edge of 4.8 mm at 600 mm."""
+    lights = grid(40, 4)
+    radiance = np.ones((len(lights), 8, 8, 3))
+    known = directions(lights, DISTANCE)
+    for texel_mm, expected in ((4.8 / 8, False), (9.6 / 8, True)):
+        cloth = Cloth(tmp_path / str(texel_mm), radiance, known, texel_mm=texel_mm, camera_mm=CAMERA)
+        assert near.matters(Stack.open(cloth.stack)) is expected
+
+
+def test_nothing_is_known_of_lights_without_positions(cloths: dict[str, Cloth]) -> None:
+    assert not near.matters(Stack.open(cloths["far"].stack))
+
+
+def test_a_residual_lies_on_lobes_with_their_own_lights(cloths: dict[str, Cloth]) -> None:
+    """`kinran residual` takes what the near lobes leave, which is nothing: none is chosen."""
+    cloth = cloths["near"]
+    cloth.fit(prior=True)
+    folder = cloth.folder
+    given = ["--prior", folder / "prior.json", "--material", folder / "slope.exr", "--fitted", folder / "slope.json"]
+    assert cloth.run("residual", "with.exr", *given, "--summary", folder / "with.json") == 0
+    material = read_material(folder / "with.exr")
+    stack = Stack.open(cloth.stack)
+    predicted = near.relight(material, stack, (0, SIDE, 0, SIDE), np.array([30]))[0]
+    np.testing.assert_allclose(predicted, flat_field(np.array(stack.lights[30].direction)), rtol=0.03, atol=0.02)

@@ -1,119 +1,174 @@
-"""Where fits fail: each case shows the failure with a number, then that the remedy holds."""
+"""Where fits fail: a case of `kinran bench stability` shows the failure with a number, then that the remedy holds."""
+
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic_texels import grid, radiance, texels
 
 from kinran import frames
-from kinran.fit import reweighted, slope, takeda
+from kinran.__main__ import main
+from kinran.bench import stability
+from kinran.bench.stability import (
+    DRIFT,
+    FACE,
+    FOUR,
+    GGX,
+    HELD,
+    HUBER,
+    JOINT,
+    MONITORS,
+    NEEDLES,
+    PAIR,
+    PRINTED,
+    RESOLVED,
+)
+from kinran.bench.texels import Split, facets, noisy, ones, radiance, relative, texels
+from kinran.files import read_json
+from kinran.fit import reweighted, slope
 from kinran.fit.predict import predict
-from kinran_bsdf import models
 
-POLAR, AZIMUTH = np.radians(2.5), np.radians(7.6)
-
-
-def relative(fitted: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """√(Σ (m - g)² / Σ g²) of each texel."""
-    return np.sqrt(((fitted - truth) ** 2).sum((1, 2)) / (truth**2).sum((1, 2)))
+Table = dict[tuple[str, str], float]
 
 
-def ones(T: np.ndarray) -> np.ndarray:
-    return np.ones((len(T), T.shape[2]), np.float32)
+@pytest.fixture(scope="module")
+def split() -> Split:
+    return Split.of_grid()
 
 
-def eq3(fitted: takeda.TakedaFit, lights: np.ndarray) -> np.ndarray:
-    theta, phi = frames.angles(frames.half_vector(lights))
-    G = models.takeda_lobe(theta, phi, *(fitted.shapes[:, k, None] for k in range(4)))
-    return fitted.colours[:, 0, :, None] * G[:, None] + fitted.colours[:, 1, :, None] * lights[:, 2]
+@pytest.fixture(scope="module")
+def table(split: Split) -> Callable[[Callable], Table]:
+    """Errors of a case by (parameter, method); what is not finite is infinite."""
+
+    def measure(case: Callable) -> Table:
+        rows = list(case(split))
+        return {(r["parameter"], r["method"]): np.inf if r["error"] is None else r["error"] for r in rows}
+
+    return measure
 
 
-def noisy(clean: np.ndarray, seed: int = 1, share: float = 0.01, floor: float = 0.003) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    return (clean * (1 + share * rng.normal(size=clean.shape)) + floor * rng.normal(size=clean.shape)).astype("f4")
-
-
-def facets(tilt: float, count: int = 40, width: float = 0.12) -> tuple[np.ndarray, np.ndarray]:
-    """Round lobes of facets of one tilt, all around."""
-    shapes, colours = texels(count)
-    azimuth = np.linspace(0, 2 * np.pi, count)
-    shapes[:, :2] = np.tan(np.radians(tilt)) * np.stack([np.cos(azimuth), np.sin(azimuth)], 1)
-    shapes[:, 2:5] = -np.log(width), 0, -np.log(width)
-    shapes[:, 5:] = 0
-    return shapes, colours
-
-
-def test_pole(lights: np.ndarray) -> None:
+def test_pole(table: Callable) -> None:
     """Eq. 3, even fitted jointly, is at its worst around the pole; slopes know no pole."""
-    joint, own = {}, {}
-    for tilt in (0.0, 5.0, 20.0):
-        clean = radiance(*facets(tilt), lights, "gaussian")
-        steps = takeda.four_steps(clean, lights, POLAR, AZIMUTH)
-        joint[tilt] = float(np.median(relative(eq3(takeda.joint(clean, ones(clean), lights, steps), lights), clean)))
-        fitted = slope.fit(clean, ones(clean), lights, "gaussian")
-        own[tilt] = float(np.median(relative(predict(fitted, lights, "gaussian"), clean)))
-    assert joint[5.0] > 0.1
-    assert joint[5.0] > 2 * joint[0.0]
-    assert max(own.values()) < 0.01
+    errors = table(stability.pole)
+    assert errors["tilt 0°", FOUR] > 0.4
+    assert errors["tilt 5°", JOINT] > 0.15
+    assert errors["tilt 5°", JOINT] > 2 * errors["tilt 0°", JOINT]
+    assert max(error for (_, method), error in errors.items() if method == GGX) < 0.06
 
 
-def test_azimuth_wraps() -> None:
+def test_azimuth_wraps(table: Callable) -> None:
     """A lobe at φ = 355° loses half of itself to the formula as printed, and nothing to the wrapped one."""
-    lights = grid(5, 36)
-    theta, phi = frames.angles(frames.half_vector(lights))
-    G = models.takeda_lobe(theta, phi, np.radians(20), np.radians(355), 0.15, 0.5)
-    T = np.repeat((2 * G + 0.1 * lights[:, 2])[None, None], 3, 1).astype(np.float32)
-    steps = takeda.four_steps(T, lights, POLAR, np.radians(5))
-    wrapped = takeda.joint(T, ones(T), lights, steps)
-    printed = takeda.joint(T, ones(T), lights, steps, wrap=False)
-    half = frames.angles(frames.half_vector(lights))
-    a, b = (
-        (half[0] - printed.shapes[:, :1]) / printed.shapes[:, 2:3],
-        (half[1] - printed.shapes[:, 1:2]) / printed.shapes[:, 3:],
-    )
-    shown = (
-        printed.colours[:, 0, :, None] * np.exp(-a * a - b * b)[:, None] + printed.colours[:, 1, :, None] * lights[:, 2]
-    )
-    assert relative(shown, T)[0] > 0.3
-    assert relative(eq3(wrapped, lights), T)[0] < 0.01
+    errors = table(stability.azimuth_wrap)
+    assert errors["φ_n 180°", PRINTED] < 0.01
+    assert errors["φ_n 355°", PRINTED] > 0.4
+    assert errors["φ_n 355°", JOINT] < 0.01
 
 
-def test_shadowed_side_gives_no_diffuse_colour(lights: np.ndarray) -> None:
-    """The paper's step 2 takes C_d from the azimuth opposite to the lobe, which the lobe's own tail reaches."""
-    shapes, colours = facets(3.0)
-    colours[:, 1] = 0.01
-    clean = radiance(shapes, colours, lights)
-    steps = takeda.four_steps(clean, lights, POLAR, AZIMUTH)
-    fitted = slope.fit(clean, ones(clean), lights)
-    assert np.median(steps.colours[:, 1]) > 0.1
-    assert np.abs(np.median(fitted.colours[:, 1]) - 0.01) < 0.002
+def test_lobe_narrower_than_the_grid(table: Callable) -> None:
+    errors = table(stability.narrow)
+    assert errors["width 0.02", FOUR] > 0.5
+    assert errors["width 0.02", GGX] < 0.05
 
 
-def test_needles_between_lights(lights: np.ndarray) -> None:
-    """Two lobes under 50 lights: without the bound some texels put a needle between them."""
-    shapes, colours = texels(300)
-    clean = radiance(shapes, colours, lights)
-    use = few(lights, 50)
-    T = np.ascontiguousarray(noisy(clean)[..., use])
-    share = {}
-    for name, narrow in (("free", 0.05), ("bound", None)):
-        fitted = slope.fit(T, ones(T), lights[use], "gaussian", 2, narrow=narrow)
-        share[name] = float((relative(predict(fitted, lights, "gaussian"), clean) > 1).mean())
-    assert share["free"] > 0.02
-    assert share["bound"] < 0.01
+def test_saturation(table: Callable) -> None:
+    """One exposure fewer: at face value the lobe is cut, left out it is kept; from three on nothing brings it back."""
+    errors = table(stability.saturation)
+    assert errors["4 exposures", FACE] > 0.2
+    assert errors["4 exposures", "left out"] < 0.05
+    assert errors["4 exposures", "censored"] < 0.05
+    for kept in (4, 3, 2):
+        assert errors[f"{kept} exposures", stability.LEFT_OUT_HELD] < errors[f"{kept} exposures", FACE]
 
 
-def test_outliers(lights: np.ndarray) -> None:
-    """5 % of the samples up to 1.5 peaks: least squares loses the lobe, Huber's loss keeps it."""
-    rng = np.random.default_rng(3)
-    clean = radiance(*texels(60), lights)
-    hit = rng.random((60, 1, len(lights))) < 0.05
-    T = np.where(hit, rng.uniform(0, 1.5, (60, 1, len(lights))) * clean.max((1, 2), keepdims=True), clean)
-    T = T.astype(np.float32)
-    plain = relative(predict(slope.fit(T, ones(T), lights), lights), clean)
-    robust = relative(predict(reweighted.robust(T, ones(T), lights), lights), clean)
-    assert np.median(plain) > 0.15
-    assert np.median(robust) < 0.03
-    assert np.percentile(robust, 95) < 0.2
+def test_noise(table: Callable) -> None:
+    """The four steps divide by single samples, the joint fit averages."""
+    errors = table(stability.noise)
+    assert errors["sd 0.3", FOUR] > 0.8
+    assert errors["sd 0.3", GGX] < 0.15
+
+
+def test_outliers(table: Callable) -> None:
+    """Least squares loses the lobe, Huber's loss keeps it."""
+    errors = table(stability.outliers)
+    assert errors["10 %", FOUR] > 2
+    assert errors["10 %", GGX] > 0.3
+    assert errors["10 %", HUBER] < 0.05
+
+
+def test_needles_between_lights(table: Callable) -> None:
+    errors = table(stability.needles)
+    assert errors["50 lights", NEEDLES] > 0.5
+    assert errors["50 lights", RESOLVED] < 0.4
+
+
+def test_few_directions(table: Callable) -> None:
+    """The formula of the paper explodes; what the region's texels share holds each of them."""
+    errors = table(stability.few_directions)
+    for lights, bound in (("100 lights", 0.1), ("50 lights", 0.3), ("30 lights", 0.5)):
+        assert errors[lights, JOINT] > 2
+        assert errors[lights, HELD] < bound
+    assert errors["30 lights", HELD] < errors["30 lights", GGX]
+
+
+def test_diffuse_colour_opposite_to_the_lobe(table: Callable) -> None:
+    """The paper's step 2 overestimates C_d by an order of magnitude, and takes a shadow for it."""
+    errors = table(stability.diffuse_colour)
+    assert errors["C_d 0.01", FOUR] > 9
+    assert errors["C_d 0.01", GGX] < 1
+    assert errors["C_d 0.3, that side in shadow", GGX] < errors["C_d 0.3, that side in shadow", FOUR]
+
+
+def test_second_lobe(table: Callable) -> None:
+    errors = table(stability.second_lobe)
+    assert errors["1 of the first", GGX] > 0.15
+    assert errors["1 of the first", PAIR] < 0.06
+
+
+def test_grazing_light(table: Callable) -> None:
+    """What the lights do not reach, nobody knows; the lobes do not explode there."""
+    errors = table(stability.grazing)
+    assert errors["lights up to 80°", JOINT] > 0.4
+    assert errors["lights up to 80°", PAIR] < 0.25
+    assert max(error for (_, method), error in errors.items() if method in (PAIR, GGX)) < 0.5
+
+
+def test_degenerate_texels(table: Callable) -> None:
+    errors = table(stability.degenerate)
+    assert errors["one NaN", FOUR] == errors["one infinity", FOUR] == np.inf
+    assert np.isfinite([error for (_, method), error in errors.items() if method == GGX]).all()
+    assert errors["zero", GGX] == errors["negative", GGX] == 0
+    assert max(errors["one NaN", GGX], errors["one infinity", GGX]) < 0.05
+    assert errors["1e6 of it", GGX] == pytest.approx(errors["1e-6 of it", GGX], rel=0.01)
+
+
+def test_mixed_texels(table: Callable) -> None:
+    errors = table(stability.mixed_texels)
+    assert errors["0.75 silk", GGX] > 1.2 * errors["0.75 silk", PAIR]
+    assert errors["0.75 silk", PAIR] < 0.03
+
+
+def test_wrong_light_directions(table: Callable) -> None:
+    errors = table(stability.wrong_directions)
+    assert errors["1 of 20 by 20°", GGX] > 1.5 * errors["1 of 20 by 20°", HUBER]
+    assert errors["1 of 20 by 20°", HUBER] < 1.2 * errors["1 of 20 by 0°", HUBER]
+
+
+def test_lamp_drift(table: Callable) -> None:
+    errors = table(stability.lamp_drift)
+    assert errors["20 %", DRIFT] > 0.08
+    assert errors["20 %", MONITORS] < 1.1 * errors["0 %", MONITORS]
+
+
+def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows as the chart reads them, and for each case what fails and what holds."""
+    monkeypatch.setattr(stability, "CASES", ((stability.lamp_drift, DRIFT, MONITORS),))
+    assert main(["bench", "stability", "--out", str(tmp_path / "stability.json")]) in (0, None)
+    found = read_json(tmp_path / "stability.json")
+    assert all(row.keys() == {"case", "parameter", "method", "error"} for row in found["rows"])
+    (worst,) = found["summary"]
+    assert worst["case"] == "lamp drift"
+    assert worst["parameter"] == "20 %"
+    assert worst["error_failing"] > 3 * worst["error_holding"]
 
 
 def test_robust_loss_costs_little_without_outliers(lights: np.ndarray) -> None:
@@ -124,62 +179,8 @@ def test_robust_loss_costs_little_without_outliers(lights: np.ndarray) -> None:
     assert robust < 1.5 * plain
 
 
-def test_saturation(lights: np.ndarray) -> None:
-    """Clipped at 60 % of the peak, 1 % noise: at face value, left out, and censored."""
-    clean = radiance(*texels(60), lights)
-    level = 0.6 * clean.max((1, 2), keepdims=True)
-    T = np.minimum(noisy(clean), level).astype(np.float32)
-    saturated = (level <= T).any(1)
-    face = np.median(relative(predict(slope.fit(T, ones(T), lights), lights), clean))
-    masked = np.where(saturated, 0, 1).astype(np.float32)
-    out = np.median(relative(predict(slope.fit(T, masked, lights), lights), clean))
-    bound = np.median(relative(predict(reweighted.censored(T, ones(T), saturated, lights), lights), clean))
-    assert face > 0.1
-    assert out < 0.05
-    assert bound < 1.2 * out
-
-
-def test_noise(lights: np.ndarray) -> None:
-    """Noise of a tenth of white: the four steps divide by single samples, the joint fit averages."""
-    clean = radiance(*texels(40), lights)
-    T = noisy(clean, share=0.0, floor=0.1)
-    steps = np.median(relative(eq3(takeda.four_steps(T, lights, POLAR, AZIMUTH), lights), clean))
-    assert steps > 0.5
-    assert np.median(relative(predict(slope.fit(T, ones(T), lights), lights), clean)) < 0.12
-
-
-def few(lights: np.ndarray, count: int) -> np.ndarray:
-    """Lights spread over slopes by farthest points."""
-    s = frames.slopes(lights)
-    chosen = [0]
-    distance = np.linalg.norm(s - s[0], axis=1)
-    while len(chosen) < count:
-        chosen.append(int(distance.argmax()))
-        distance = np.minimum(distance, np.linalg.norm(s - s[chosen[-1]], axis=1))
-    return np.array(chosen)
-
-
-@pytest.mark.parametrize(("count", "bound"), [(50, 0.1), (30, 0.25)])
-def test_few_directions(lights: np.ndarray, count: int, bound: float) -> None:
-    """The shapes of a region's texels differ by 10 %; what they share holds each of them."""
-    shapes, colours = texels(300)
-    shapes[:, 2:5] = np.array([-np.log(0.1), 0.5, -np.log(0.15)]) + np.random.default_rng(4).normal(0, 0.1, (300, 3))
-    clean = radiance(shapes, colours, lights)
-    use = few(lights, count)
-    T = np.ascontiguousarray(noisy(clean)[..., use])
-    region = np.zeros(300, np.intp)
-    free = slope.fit(T, ones(T), lights[use], narrow=0.05)
-    priors = slope.learn_priors(T[::2], ones(T[::2]), lights[use], region[::2], 1)
-    held = slope.fit(T, ones(T), lights[use], priors=priors, region=region)
-    free_error, held_error = (relative(predict(f, lights), clean) for f in (free, held))
-    assert (free_error > 1).any()
-    assert not (held_error > 1).any()
-    assert np.median(held_error) < bound
-
-
 def test_prior_leaves_many_directions_alone(lights: np.ndarray) -> None:
-    shapes, colours = texels(100)
-    clean = radiance(shapes, colours, lights)
+    clean = radiance(*texels(100), lights)
     T = noisy(clean)
     region = np.zeros(100, np.intp)
     priors = slope.learn_priors(T, ones(T), lights, region, 1)
@@ -188,7 +189,7 @@ def test_prior_leaves_many_directions_alone(lights: np.ndarray) -> None:
     assert after < 1.5 * before + 0.005
 
 
-def test_wrong_light_direction(lights: np.ndarray) -> None:
+def test_lamps_that_are_all_turned(lights: np.ndarray) -> None:
     """All lamps 3° off in azimuth: the lobes turn with them, and the error stays what the turn makes it."""
     clean = radiance(*texels(40), lights)
     theta, phi = frames.angles(lights)
@@ -199,21 +200,8 @@ def test_wrong_light_direction(lights: np.ndarray) -> None:
     assert np.abs(np.median(mu) - np.median(np.linalg.norm(texels(40)[0][:, :2], axis=1))) < 0.01
 
 
-def test_lamp_drift(lights: np.ndarray) -> None:
-    """A lamp that fades by 5 % over the capture bends the fit by less than it fades."""
-    clean = radiance(*texels(40), lights)
-    T = (clean * np.linspace(1, 0.95, len(lights))).astype(np.float32)
-    assert np.median(relative(predict(slope.fit(T, ones(T), lights), lights), clean)) < 0.05
-
-
-def test_two_lobes_are_found_where_one_does_not_do(lights: np.ndarray) -> None:
+def test_the_narrower_of_two_lobes_comes_first(lights: np.ndarray) -> None:
     sharp, wide = facets(8.0, width=0.1), facets(20.0, width=0.35)
     clean = radiance(*sharp, lights, "gaussian") + radiance(wide[0], 0.3 * wide[1], lights, "gaussian")
-    T = noisy(clean)
-    one = slope.fit(T, ones(T), lights, "gaussian")
-    two = slope.fit(T, ones(T), lights, "gaussian", 2)
-    errors = [np.median(relative(predict(f, lights, "gaussian"), clean)) for f in (one, two)]
-    assert errors[0] > 0.1
-    assert errors[1] < 0.02
-    area = two.shapes[:, 2] + two.shapes[:, 4] - two.shapes[:, 7] - two.shapes[:, 9]
-    assert (area >= 0).all()
+    two = slope.fit(noisy(clean), ones(clean), lights, "gaussian", 2)
+    assert (two.shapes[:, 2] + two.shapes[:, 4] >= two.shapes[:, 7] + two.shapes[:, 9]).all()

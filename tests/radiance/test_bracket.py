@@ -46,8 +46,11 @@ def test_as_good_as_the_noise_allows() -> None:
 
 
 def test_all_saturated_is_a_flagged_lower_bound() -> None:
-    """Not averaged (which would be 160 times too low), but what the shortest exposure shows."""
-    rate, sigma, _ = estimate(np.full((5, 4), CLIP, np.uint16), BLACK, SECONDS, RESPONSE)
+    """Not averaged (which would be over 20 times too low), but what the shortest exposure shows."""
+    counts = np.full((5, 4), CLIP, np.uint16)
+    rate, sigma, _ = estimate(counts, BLACK, SECONDS, RESPONSE)
+    averaged = (counts - 256.0).sum(0) / SECONDS.sum()
+    assert (rate > 20 * averaged).all()
     np.testing.assert_allclose(rate, (CLIP - 256) / SECONDS[-1], rtol=1e-6)
     assert np.isinf(sigma).all()
 
@@ -95,6 +98,18 @@ def test_a_wrong_white_level_is_what_bends_highlights() -> None:
         worst.append(np.abs(bias).max())
     assert worst[0] > 0.025
     assert worst[1] < 0.002
+
+
+def test_black_that_is_one_count_off_bends_dark_silk() -> None:
+    """Where the method fails: over 25 % at 10³ electrons a second, under 1 % at 10⁵; so it is measured to 0.1."""
+    rng = np.random.default_rng(7)
+    for level, least, most in ((1e3, 0.25, 0.5), (1e5, 1e-3, 1e-2)):
+        counts = expose(np.full(200_000, level), SECONDS, rng)
+        right, _, _ = estimate(counts, BLACK, SECONDS, RESPONSE)
+        for off in (-1, 1):
+            wrong, _, _ = estimate(counts, BLACK + off, SECONDS, RESPONSE)
+            bias = -off * (wrong.mean(dtype=float) / right.mean(dtype=float) - 1)
+            assert least < bias < most, (level, off)
 
 
 def test_the_ratio_of_two_exposures_is_unbiased() -> None:

@@ -59,10 +59,11 @@ def test_noise_from_any_scene() -> None:
     """Gain to 3 %, read noise to 5 %, from a scene with edges; of one frame to 15 % where it is smooth."""
     bracket, black = planes(), np.full((5, 4), 256.0)
     seconds = np.repeat(np.array(list(TRUE.values()))[:, None], 96, 1)
-    gain, read = measure_noise(bracket, black, seconds, RESPONSE.clip)
+    gain, read, coding = measure_noise(bracket, black, seconds, RESPONSE.clip)
     assert gain == pytest.approx(GAIN, rel=0.03)
     assert read == pytest.approx(RESPONSE.read, rel=0.05)
-    gain, read = measure_noise(bracket[2:3], black[2:3], seconds[2:3], RESPONSE.clip)
+    assert coding == 0
+    gain, read, coding = measure_noise(bracket[2:3], black[2:3], seconds[2:3], RESPONSE.clip)
     assert gain == pytest.approx(GAIN, rel=0.15)
     assert read == pytest.approx(RESPONSE.read, rel=0.15)
 

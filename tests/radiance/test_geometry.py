@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kinran.geometry import directions_to, falloff, half_vectors, texel_points
+from kinran.geometry import crop_centre, directions_to, falloff, half_vectors, relative_light, seen_from, texel_points
 from kinran.radiance.lamp import irradiance
 
 
@@ -35,3 +35,15 @@ def test_falloff_and_cosine_are_the_irradiance_of_a_plate() -> None:
     points = texel_points(20, 30, 2.0)
     cosine = directions_to(lamp, points)[..., 2] / (500 / np.linalg.norm(lamp))
     np.testing.assert_allclose(falloff(lamp, points) * cosine, irradiance(lamp, 20, 30, 60.0), rtol=1e-6)
+
+
+def test_the_middle_of_a_crop() -> None:
+    """A crop at the top right corner of a photograph of 200 × 100 pixels, 400 mm wide: to the right, and up."""
+    assert crop_centre((150, 0, 50, 20), (200, 100), 400.0) == (150.0, 80.0)
+    assert crop_centre((0, 0, 200, 100), (200, 100), 400.0) == (0.0, 0.0)
+    assert seen_from((0.0, 0.0, 300.0), (150.0, 80.0)) == (-150.0, -80.0, 300.0)
+
+
+def test_equal_lamps_at_other_distances() -> None:
+    np.testing.assert_allclose(relative_light([[0, 0, 100], [0, 300, 0], [200, 0, 0]]), [4, 4 / 9, 1])
+    np.testing.assert_allclose(relative_light([[0, 0, 5], [0, 3, 4]]), 1)

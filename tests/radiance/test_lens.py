@@ -1,6 +1,7 @@
 """Flat field, glare, curtains: faults of a camera that the calibration measures and the merge takes out."""
 
 import argparse
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,10 +12,11 @@ from known_scene import EXPOSURES, radiance, shoot
 from kinran.plan import plan_grid
 from kinran.plans import Plan, Shot, write_plan
 from kinran.radiance import calibrate, merge_group
-from kinran.radiance.calibration import Calibration, read_calibration, write_calibration
+from kinran.radiance.bracket import Response
+from kinran.radiance.calibration import Calibration, Camera, read_calibration, write_calibration
 from kinran.radiance.exposures import curtain
 from kinran.radiance.flat import Flat, divide, fit_flat, nearest
-from kinran.radiance.glare import estimate_glare, remove_glare
+from kinran.radiance.glare import estimate_glare, lift, veil
 from kinran.radiance.radiometry import to_radiance
 from kinran.radiance.shots import read_bracket, read_manifest
 from kinran.radiance.superpixels import merge_bracket
@@ -151,4 +153,34 @@ def test_glare_and_its_removal_are_each_others_inverse() -> None:
     rng = np.random.default_rng(2)
     light = (10 ** rng.uniform(-3, 1, (40, 40, 3))).astype(np.float32)
     seen = light + np.float32(0.03) * light.mean((0, 1))
-    np.testing.assert_allclose(remove_glare(seen, np.zeros(seen.shape, np.uint8), 0.03), light, rtol=1e-3, atol=1e-5)
+    flags = np.zeros(seen.shape, np.uint8)
+    np.testing.assert_allclose(lift(seen, flags, veil(seen, flags, 0.03)), light, rtol=1e-3, atol=1e-5)
+
+
+def test_a_full_picture_takes_little_memory() -> None:
+    """What is temporary is a strip: flat field and glare of a picture cost under half of it beyond what comes out."""
+    shape = (2400, 200, 3)
+    rate, flags = np.ones(shape, np.float32), np.zeros(shape, np.uint8)
+    flat = Flat(0.0, 0.0, ((1.0, *[0.0] * 13, -0.05),) * 3)
+    response = Response(3470, 0.08, 1.7)
+    camera = Camera((256.0,) * 4, False, response, (), (), (1.0, 1.0, 1.0), 1.0, None, glare=0.01, flats=(flat,))
+    to_radiance(rate, flags, camera, 1.0, 0, 0)
+    tracemalloc.start()
+    radiance_, bits = to_radiance(rate, flags, camera, 1.0, 0, 0)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak - radiance_.nbytes - bits.nbytes < 0.5 * rate.nbytes
+    assert not bits.any()
+
+
+def test_a_flat_field_in_rows_is_the_whole_one() -> None:
+    """At the same places the smooth surface is the same, in strips and at once, as the sum of its products says."""
+    coefficients = np.random.default_rng(0).normal(0, 0.1, (3, 15)) + np.eye(1, 15)
+    flat = Flat(0.0, 0.0, tuple(tuple(float(v) for v in row) for row in coefficients))
+    whole = flat.values(40, 30)
+    strips = [flat.values(40, 30, slice(first, first + 16)) for first in (0, 16, 32)]
+    np.testing.assert_array_equal(np.concatenate(strips), whole)
+    y, x = (np.arange(n) * 2 / n - 1 + 1 / n for n in (40, 30))
+    grid = np.zeros((5, 5))
+    grid[[0, 0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 3, 3, 4], [0, 1, 2, 3, 4, 0, 1, 2, 3, 0, 1, 2, 0, 1, 0]] = coefficients[1]
+    np.testing.assert_allclose(whole[..., 1], np.polynomial.legendre.leggrid2d(y, x, grid), atol=1e-6)

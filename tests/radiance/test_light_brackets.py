@@ -54,14 +54,14 @@ def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 def run(folder: Path, encoding: str = "srgb", crop: str = "") -> Stack:
     plan, manifest = folder / "captures/set/plan.json", folder / "captures/set/groups/00.json"
-    ingest.main(
-        argparse.Namespace(
-            folder=folder, fabric="set", encoding=encoding, crop=crop, holdout=4, plan=None, group=None, out=plan
-        )
-    )
+    unknown = {"lamp_mm": None, "field_mm": None, "camera_mm": None}
+    common = {"folder": folder, "fabric": "set", "encoding": encoding, "crop": crop, "holdout": 4, **unknown}
+    ingest.main(argparse.Namespace(plan=None, group=None, out=plan, **common))
     write_json(manifest, ingest.manifest(plan, "00", folder))
     calibration, out = folder / "calibration.json", folder / "radiance.zarr"
-    calibrate.main(argparse.Namespace(plan=plan, manifests=[manifest], out=calibration, chart_corners="", lamp=""))
+    calibrate.main(
+        argparse.Namespace(plan=plan, manifests=[manifest], out=calibration, chart=None, chart_corners="", lamp="")
+    )
     common = {"plan": plan, "calibration": calibration, "out": out}
     merge_group.main(argparse.Namespace(manifest=manifest, receipt=folder / "00.json", **common))
     assemble.main(argparse.Namespace(manifests=[manifest], receipts=[folder / "00.json"], holdout=4, **common))

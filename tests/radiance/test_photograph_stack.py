@@ -41,7 +41,9 @@ def run(folder: Path, encoding: str, crop: str = "", holdout: int = 4) -> Stack:
     manifest = folder / "captures/set/groups/00.json"
     write_json(manifest, ingest.manifest(plan, "00", folder))
     calibration, out = folder / "calibration.json", folder / "radiance.zarr"
-    calibrate.main(argparse.Namespace(plan=plan, manifests=[manifest], out=calibration, chart_corners="", lamp=""))
+    calibrate.main(
+        argparse.Namespace(plan=plan, manifests=[manifest], out=calibration, chart=None, chart_corners="", lamp="")
+    )
     common = {"plan": plan, "calibration": calibration, "out": out}
     merge_group.main(argparse.Namespace(manifest=manifest, receipt=folder / "00.json", **common))
     assemble.main(argparse.Namespace(manifests=[manifest], receipts=[folder / "00.json"], holdout=holdout, **common))

@@ -19,7 +19,7 @@ from kinran.radiance.noise import sigma
 from kinran.radiance.raw import read_raw
 from kinran.radiance.shots import read_bracket, read_manifest
 from kinran.radiance.superpixels import merge_bracket
-from kinran.stack import DARK, HOT, SATURATED, Stack, shard_path
+from kinran.stack import DARK, HOT, SATURATED, SHIFTED, Stack, shard_path
 from kinran.virtual.sensor import CROSSTALK, Sensor, _defects, shutter
 
 TEXELS = int(SCENE["texels"])
@@ -32,7 +32,7 @@ def run(stage: object, **values: object) -> None:
 
 
 def run_calibrate(capture: Capture, out: Path) -> Calibration:
-    run(calibrate, plan=capture.plan_path, manifests=capture.manifests, out=out, chart_corners="", lamp="")
+    run(calibrate, plan=capture.plan_path, manifests=capture.manifests, out=out, chart=None, chart_corners="", lamp="")
     return read_calibration(out)
 
 
@@ -126,15 +126,20 @@ def test_colours_come_out_as_acescg(calibration: Calibration) -> None:
 
 
 def test_the_stack_is_the_scene(capture: Capture, stack: Stack) -> None:
-    """In every decade of radiance the bias is ≤ 0.2 %, and the noise is that of the sensor."""
+    """One scale to 0.4 %, all decades on it to 0.15 %, and the noise is that of the sensor.
+
+    The scale is that of one white plate, under a lamp that flickers by 0.1 % from frame to frame.
+    """
     values, flags = stack.read_tile(0, TEXELS, 0, TEXELS)
     expected = truth(capture)
     good = (flags & (SATURATED | HOT)) == 0
+    scale = np.median(values[good & (expected > 0.1)] / expected[good & (expected > 0.1)])
+    assert scale == pytest.approx(1, abs=4e-3)
     for low, high, noise in ((1e-3, 1e-2, 0.08), (1e-2, 0.1, 0.015), (0.1, 1, 0.01), (1, 15, 0.01)):
         use = good & (expected > low) & (expected < high)
         assert use.sum() > 1000
-        bias = (values - expected)[use].sum() / expected[use].sum()
-        assert abs(bias) < 2e-3, (low, bias)
+        bias = values[use].sum() / expected[use].sum() / scale - 1
+        assert abs(bias) < 1.5e-3, (low, bias)
         assert np.sqrt(np.mean((values[use] / expected[use] - 1) ** 2)) < noise, low
 
 
@@ -169,11 +174,11 @@ def test_darkness_is_flagged(capture: Capture, stack: Stack) -> None:
 
 
 def test_the_lamp_is_taken_out(capture: Capture, stack: Stack) -> None:
-    """A lamp that drifts by 3 % over a group leaves 0.3 % from light to light."""
+    """A lamp that drifts by 3 % over a group leaves 0.2 % from light to light."""
     values, flags = stack.read_tile(0, TEXELS, 0, TEXELS)
     ratio = np.where((flags == 0) & (truth(capture) > 0.05), values / truth(capture), np.nan)
     by_light = np.nanmedian(ratio, axis=(1, 2, 3))
-    np.testing.assert_allclose(by_light, 1, atol=3e-3)
+    np.testing.assert_allclose(by_light / np.median(by_light), 1, atol=2e-3)
     lamp = json.loads((capture.folder / "00.json").read_text())["lamp"].values()
     assert max(lamp) - min(lamp) > 0.025
 
@@ -243,6 +248,19 @@ def test_merging_twice_gives_the_same_bytes(capture: Capture, stack: Stack) -> N
     for name in ("radiance", "flags"):
         one, two = (shard_path(capture.folder / z, name, 0).read_bytes() for z in ("radiance.zarr", "again.zarr"))
         assert one == two
+
+
+def test_repeats_of_a_light_are_averaged_one_by_one() -> None:
+    """A saturated sample counts only where all are; dark where all are, shifted where one is. No picture is kept."""
+    values = np.array([[1.0, 5.0, 9.0], [3.0, 2.0, 7.0], [2.0, 2.0, 8.0]], np.float32)
+    flags = np.array([[DARK, SATURATED, SATURATED], [DARK, SHIFTED, SATURATED], [DARK, 0, SATURATED]], np.uint8)
+    repeats = assemble.Repeats((1, 1, 3))
+    for value, bits in zip(values, flags, strict=True):
+        repeats.add(value.reshape(1, 1, 3), bits.reshape(1, 1, 3))
+        value[:] = np.nan
+    mean, bits = repeats.mean()
+    np.testing.assert_allclose(mean[0, 0], [2, 2, 8])
+    np.testing.assert_array_equal(bits[0, 0], [DARK, SHIFTED, SATURATED])
 
 
 # -- what must stop --------------------------------------------------------------------------------------

@@ -34,7 +34,9 @@ def test_the_figure_lands_in_its_corner(tmp_path: Path, monkeypatch: pytest.Monk
         }
         capture.main(argparse.Namespace(**arguments, out=manifest))
     calibration, out = tmp_path / "calibration.json", tmp_path / "radiance.zarr"
-    calibrate.main(argparse.Namespace(plan=plan_path, manifests=manifests, out=calibration, chart_corners="", lamp=""))
+    calibrate.main(
+        argparse.Namespace(plan=plan_path, manifests=manifests, out=calibration, chart=None, chart_corners="", lamp="")
+    )
     common = {"plan": plan_path, "calibration": calibration, "out": out}
     merge_group.main(argparse.Namespace(manifest=manifests[0], receipt=None, **common))
     assemble.main(argparse.Namespace(manifests=manifests, receipts=[], holdout=4, **common))

@@ -6,11 +6,14 @@ from pathlib import Path
 import pytest
 from conftest import Project
 
+from kinran.exr import read_exr
+from kinran_bsdf import read_material
+
 
 def downstream(merges: int) -> set[str]:
     """Rules that follow from a change of the radiance."""
-    return {"merge", "stack", "segment", "need", "prior", "fit", "material", "choose", "evaluate", "scene", "render",
-            "report", "overview", "all"} - (set() if merges else {"merge"})  # fmt: skip
+    return {"merge", "stack", "segment", "need", "prior", "fit", "material", "sigma", "choose", "evaluate", "scene",
+            "render", "report", "overview", "all"} - (set() if merges else {"merge"})  # fmt: skip
 
 
 def test_full_run_leaves_what_users_look_for(finished: Project) -> None:
@@ -91,6 +94,20 @@ def test_another_camera_fits_again_only_what_depends_on_it(project: Project) -> 
     assert {"need", "fit", "material", "scene"} <= set(project.planned())
 
 
+def test_a_far_camera_gets_coarse_maps(project: Project) -> None:
+    """Model no more than a scene needs: texels that its camera cannot tell apart are fitted as one."""
+    template = project.folder / "small.xml"
+    template.write_text(template.read_text().replace('name="fov" value="12"', 'name="fov" value="100"'))
+    project.configure(lambda config: config["fit"].update(texels="needed", compare=[]))
+    project.run("results/tiny/evaluation.json")
+    results = project.folder / "results" / "tiny"
+    factor = json.loads((results / "need.json").read_text())["footprint"]["coarsest_factor"]
+    assert factor > 1
+    fine, material = read_exr(results / "labels.exr"), read_material(results / "material.exr")
+    assert material.size == tuple(side // factor for side in fine["label"].shape)
+    assert "Nothing to be done" in project.run("--dry-run", "results/tiny/evaluation.json")
+
+
 def test_without_a_rig_nothing_is_ever_captured(project: Project) -> None:
     project.configure(lambda config: config["rig"].update(device="none", exposures=[25, 100]))
     assert "Nothing to be done" in project.run("--dry-run")
@@ -109,6 +126,22 @@ def test_a_job_that_was_killed_is_done_again(project: Project) -> None:
     material.unlink()
     project.run("results/tiny/fit/slope.exr")
     assert material.read_bytes() == before
+
+
+def test_what_the_config_says_reaches_the_commands(tmp_path: Path) -> None:
+    """Distances and chart of the rig, and those of a set of photographs."""
+    project = Project(tmp_path / "project")
+    chart = {"camera_mm": 500, "lamp": "xenon", "chart_corners": "-1,0,9,0,9,6,0,6"}
+    project.configure(lambda config: config["rig"].update(chart))
+    (project.folder / "set").mkdir()
+    rows = [f"p{k}.png 0.{k} 0 0.9" for k in range(12)]
+    (project.folder / "set" / "a.lp").write_text("\n".join(["12", *rows]) + "\n")
+    header = "fabric\tsource\tencoding\tcrop\tregions\tseeds\tlamp_mm\tfield_mm\tcamera_mm"
+    project.sheet("fabrics", header, "tiny\trig\t\t\t2\t\t\t\t", "dome\tset\t\t\t\t\t300\t60\t500")
+    text = project.run("--dry-run", "--printshellcmds", "results/tiny/calibration.json", "captures/dome/plan.json")
+    assert "--lamp-mm 600 --field-mm 4.8 --camera-mm 500 captures/tiny/plan.json" in text
+    assert "--chart-corners=-1,0,9,0,9,6,0,6 --lamp=xenon" in text
+    assert "--lamp-mm 300 --field-mm 60 --camera-mm 500 captures/dome/plan.json" in text
 
 
 @pytest.mark.parametrize("broken", ["config", "sheet"])

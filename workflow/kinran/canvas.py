@@ -87,7 +87,8 @@ class Canvas:
         """The drawing as an SVG element."""
         head = (
             f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {self.width} {self.height}" '
-            f'width="{self.width}" height="{self.height}" font-family="system-ui, sans-serif" role="img">'
+            f'width="{self.width}" height="{self.height}" style="max-width:100%;height:auto" '
+            'font-family="system-ui, sans-serif" role="img">'
         )
         paper = f'<rect width="{self.width}" height="{self.height}" fill="{PAPER}"/>'
         return head + paper + "".join(_svg(mark) for mark in self.marks) + "</svg>"

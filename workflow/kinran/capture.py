@@ -90,13 +90,13 @@ def check_revisions(revisions: Mapping[str, int], shots: set[str], group: str) -
 
 
 @contextmanager
-def virtual_devices(root: Path, scene: dict[str, Any]) -> Iterator[tuple[Goniometer, Camera]]:
-    """A simulated rig, and a simulated camera with its card in `root`."""
-    from kinran.virtual.camera import SimulatedCamera  # it imports the path tracer
+def virtual_devices(root: Path, scene: dict[str, Any], group: str) -> Iterator[tuple[Goniometer, Camera]]:
+    """A simulated rig, and a simulated camera with its card in `root`, for a group of the plan."""
+    from kinran.virtual.camera import CACHE, SimulatedCamera  # it imports the path tracer
 
     firmware = Firmware()
     rig = simulated_goniometer(firmware)
-    camera: Camera = SimulatedCamera(firmware, root / "card", scene)
+    camera: Camera = SimulatedCamera(firmware, root / "card", scene, CACHE, group)
     try:
         yield rig, PacedCamera(camera, firmware, rig)
     finally:
@@ -136,7 +136,7 @@ def main(args: argparse.Namespace) -> None:
             read_plan(args.plan),
             args.group,
             root,
-            lambda: virtual_devices(root, args.virtual),
+            lambda: virtual_devices(root, args.virtual, args.group),
             device,
             args.revisions,
             lambda line: print(f"capture {line}", file=sys.stderr, flush=True),

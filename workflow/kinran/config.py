@@ -3,7 +3,7 @@
 import json
 import shlex
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import yaml
 from kinran import encoding
 from kinran.code import ROOT
 from kinran.files import InputError
+from kinran.geometry import Distances
 from kinran.lights import lp_file, read_lp
 from kinran.plan import group_names, plan_grid
 from kinran.plans import list_group_names
@@ -20,7 +21,32 @@ from kinran.sheets import read_sheet
 
 FEW_LIGHTS = 45
 """Under so many lights there is one slope lobe, whatever the config says."""
+OF_PHOTOGRAPHS = ("lamp_mm", "field_mm", "camera_mm", "chart", "chart_corners", "lamp")
+"""Columns of the sheet of fabrics that it need not have."""
 SCHEMAS = ROOT / "workflow" / "schemas"
+
+
+@dataclass(frozen=True)
+class ChartShot:
+    """A photograph of a colour chart.
+
+    Attributes
+    ----------
+    file
+        None on the rig, which shoots it itself, and where there is none.
+    corners, lamp
+        As `kinran calibrate` takes them.
+    """
+
+    file: Path | None = None
+    corners: str = ""
+    lamp: str = ""
+
+    @property
+    def options(self) -> str:
+        """Options of `kinran calibrate`."""
+        file = f"--chart {shlex.quote(str(self.file))} " if self.file else ""
+        return f"{file}--chart-corners={shlex.quote(self.corners)} --lamp={shlex.quote(self.lamp)}"
 
 
 @dataclass(frozen=True)
@@ -39,6 +65,10 @@ class Fabric:
         Number of regions; None to let the data say.
     seeds
         Texels of each region, as the sheet has them.
+    distances
+        Of lamps and camera of photographs; empty on the rig, whose config has them.
+    chart
+        Of the fabric's session.
     lights
         Number of different light directions.
     light_groups
@@ -53,6 +83,8 @@ class Fabric:
     crop: str
     regions: int | None
     seeds: str
+    distances: Distances
+    chart: ChartShot
     lights: int
     light_groups: tuple[str, ...]
     all_groups: tuple[str, ...]
@@ -63,13 +95,23 @@ class Fabric:
         count = "" if self.regions is None else f"--count {self.regions} "
         return f"{count}--seeds={shlex.quote(self.seeds)}" if self.seeds else count
 
+    @property
+    def distance_options(self) -> str:
+        """Options of `kinran ingest`."""
+        given = {name.replace("_", "-"): value for name, value in asdict(self.distances).items() if value is not None}
+        return " ".join(f"--{name} {value:.9g}" for name, value in given.items())
 
-def lobes_of(config: dict[str, Any], fabric: Fabric) -> tuple[int, str]:
+
+def lobes_of(config: dict[str, Any], fabric: Fabric) -> tuple[int, str] | None:
     """Number and tail of a fabric's slope lobes: what the config says, but one GGX lobe under few lights.
+
+    None where they are to be chosen for each fabric.
 
     Two lobes explode where directions are few: on a path-traced brocade under 29 lights their held-out error was
     1.17, that of one lobe less than that of the four steps, 0.99.
     """
+    if config["fit"]["lobes"] == "choose":
+        return None
     if fabric.lights < FEW_LIGHTS:
         return 1, "ggx"
     return config["fit"]["lobes"], config["fit"]["tail"]
@@ -116,25 +158,45 @@ def read_fabrics(config: dict[str, Any]) -> dict[str, Fabric]:
         check(dict(row), "fabric", f"{sheet}: fabric '{row.get('fabric', '')}'")
         if row["fabric"] in fabrics:
             raise InputError(f"{sheet}: fabric '{row['fabric']}' stands twice; give each a name of its own")
-        fabrics[row["fabric"]] = _fabric(row, config["rig"])
+        fabrics[row["fabric"]] = _fabric(row, config["rig"], sheet)
     if not fabrics:
         raise InputError(f"{sheet}: has no fabric; add a row")
     return fabrics
 
 
-def _fabric(row: dict[str, str], rig: dict[str, Any]) -> Fabric:
+def _fabric(row: dict[str, str], rig: dict[str, Any], sheet: str) -> Fabric:
     regions = int(row["regions"]) if row["regions"] else None
+    lamp, field, camera = (float(row[name]) if row.get(name) else None for name in ("lamp_mm", "field_mm", "camera_mm"))
+    distances = Distances(lamp, field, camera)
     if row["source"] == "rig":
+        if given := [name for name in OF_PHOTOGRAPHS if row.get(name)]:
+            raise InputError(
+                f"{sheet}: fabric '{row['fabric']}' lies on the rig, whose distances and chart are those of"
+                f" config.yaml; leave {given[0]} empty in its row"
+            )
+        chart = ChartShot(None, rig["chart_corners"], rig["lamp"])
         groups = tuple(group_names(rig["thetas"], rig["phis"], rig["meridians"]))
         lights = tuple(group for group in groups if group != "calibration")
         count = (len(rig["thetas"]) - 1) * rig["phis"] + 1
-        return Fabric(row["fabric"], None, "", "", regions, row["seeds"], count, lights, (*lights, "calibration"))
+        everything = (*lights, "calibration")
+        return Fabric(row["fabric"], None, "", "", regions, row["seeds"], distances, chart, count, lights, everything)
     folder = Path(row["source"])
     encoded = row["encoding"] or "srgb"
     encoding.parse(encoded)
+    chart = ChartShot(
+        folder / row["chart"] if row.get("chart") else None, row.get("chart_corners", ""), row.get("lamp", "")
+    )
+    if chart.file is None and (chart.corners or chart.lamp):
+        raise InputError(
+            f"{sheet}: fabric '{row['fabric']}' has no chart; name its photograph, or leave out what it is of"
+        )
+    if chart.file is not None and not chart.file.is_file():
+        raise InputError(f"{sheet}: {chart.file} is no file; correct the chart of fabric '{row['fabric']}'")
     count = len(read_lp(lp_file(folder)))
     groups = tuple(list_group_names(count))
-    return Fabric(row["fabric"], folder, encoded, row["crop"], regions, row["seeds"], count, groups, groups)
+    return Fabric(
+        row["fabric"], folder, encoded, row["crop"], regions, row["seeds"], distances, chart, count, groups, groups
+    )
 
 
 def read_revisions(config: dict[str, Any], fabrics: dict[str, Fabric]) -> Callable[[str, str], str]:

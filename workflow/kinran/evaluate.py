@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran import encoding, metrics, pictures
+from kinran import encoding, metrics, near, pictures
 from kinran.files import InputError, read_json, write_json
 from kinran.labels import Region, read_labels, read_regions
 from kinran.stack import HOT, SATURATED, SHIFTED, Light, Stack
 from kinran_bsdf.colours import TO_REC709
 from kinran_bsdf.material import read_material
-from kinran_bsdf.models import relight
 
 Images = NDArray[np.float32]
 
@@ -61,7 +60,9 @@ def main(args: argparse.Namespace) -> None:
             material = read_material(path)
             if material.channels["label"].shape != truth.shape[1:3]:
                 raise InputError(f"{path}: its size is not that of {args.stack}; fit it again")
-            predicted = relight(material, np.array([light.direction for light in lights]))
+            predicted = np.zeros_like(truth)
+            for box in stack.tiles():
+                predicted[:, box[0] : box[1], box[2] : box[3]] = near.relight(material, stack, box, use)
             seconds = time.process_time() - start
             predictions[path.stem] = predicted
             errors = _errors(predicted, truth, valid, lights, labels, regions, coder, peak)

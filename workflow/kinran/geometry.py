@@ -1,9 +1,57 @@
 """Where lamp and camera stand, and what follows for each texel: direction, falloff, view."""
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Distances:
+    """What somebody measured of a set of photographs; None for what nobody did.
+
+    Attributes
+    ----------
+    lamp_mm
+        Millimetres of a length of 1 in the `.lp`: the dome's radius where its vectors have that length, 1 where they
+        are positions in millimetres. Without it they are directions, whatever their length.
+    field_mm
+        Width of a whole photograph on the fabric.
+    camera_mm
+        From the fabric to the camera's centre of projection.
+    """
+
+    lamp_mm: float | None = None
+    field_mm: float | None = None
+    camera_mm: float | None = None
+
+
+def crop_centre(crop: tuple[int, int, int, int], size: tuple[int, int], field_mm: float) -> tuple[float, float]:
+    """X and Y in millimetres of the middle of a crop (x, y, width, height from the top left) in a photograph."""
+    x, y, width, height = crop
+    pixel = field_mm / size[0]
+    return (x + width / 2 - size[0] / 2) * pixel, (size[1] / 2 - y - height / 2) * pixel
+
+
+def seen_from(position_mm: Vector, centre_mm: tuple[float, float]) -> Vector:
+    """Position of a lamp or a camera from another point (X, Y) of the fabric."""
+    return position_mm[0] - centre_mm[0], position_mm[1] - centre_mm[1], position_mm[2]
+
+
+def relative_light(positions_mm: ArrayLike) -> Array:
+    """Light (lamp,) that equal lamps at positions (lamp, 3) bring to the field's centre, square on; its middle is 1."""
+    distance = np.linalg.norm(np.asarray(positions_mm, float), axis=1)
+    return np.asarray((np.median(distance) / distance) ** 2)
+
+
+def unit(vector: Vector) -> Vector:
+    """Vector of length 1."""
+    length = math.hypot(*vector)
+    return vector[0] / length, vector[1] / length, vector[2] / length
 
 
 def texel_points(height: int, width: int, texel_mm: float) -> Array:

@@ -1,13 +1,17 @@
 """The lights of a set: names and directions, and the `.lp` files in which they come."""
 
 import math
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinran.files import InputError
+
+SUFFIX = re.compile(r"[.][A-Za-z]{3,4}[\"']?$")
+"""Of an image: what a file's name ends with."""
 
 
 @dataclass(frozen=True)
@@ -22,11 +26,17 @@ class Light:
         Unit vector at the field's centre, away from the surface.
     file
         Name of its image as the `.lp` gives it; empty for a shot of the rig.
+    folder
+        Of its image, from that of the `.lp`, where this names one beside it; else empty.
+    length
+        Of the vector in the `.lp`, which may be a position in a unit that the file does not state.
     """
 
     name: str
     direction: tuple[float, float, float]
     file: str = ""
+    folder: str = ""
+    length: float = field(default=1.0, compare=False)
 
 
 def directions(lights: list[Light]) -> NDArray[np.float64]:
@@ -37,19 +47,21 @@ def directions(lights: list[Light]) -> NDArray[np.float64]:
 def read_lp(path: Path) -> list[Light]:
     """Read a `.lp` file: the number of lights, then a line ``file x y z`` for each.
 
-    File names may hold spaces and folders (either slash); only the last part counts. Vectors of any length
-    are accepted and normalised.
+    File names may hold spaces, quotes and folders (either slash), of which those of another machine do not count.
+    Lines that begin with # are comments. Vectors of any length are accepted: directions with that length.
 
     Raises
     ------
     InputError
-        The count is wrong, a vector is zero, not finite or under the horizon, or a name stands twice.
+        The count is wrong, a vector is zero, not finite or under the horizon, a line has more numbers than a vector,
+        or a name stands twice.
     """
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        lines = _text(path.read_bytes()).splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read ({error}); give a text file of light positions") from None
-    rows = [(number, line.split()) for number, line in enumerate(lines, 1) if line.strip()]
+    numbered = [(number, line.split()) for number, line in enumerate(lines, 1) if line.strip()]
+    rows = [(number, words) for number, words in numbered if not words[0].startswith("#") or _is_vector(words[-3:])]
     if not rows or len(rows[0][1]) != 1 or not rows[0][1][0].isdigit():
         raise InputError(f"{path}: the first line is not the number of lights; a .lp starts with it")
     count, rows = int(rows[0][1][0]), rows[1:]
@@ -69,27 +81,47 @@ def read_lp(path: Path) -> list[Light]:
     return lights
 
 
-def _parse(path: Path, number: int, words: list[str]) -> Light:
-    file = PurePosixPath(" ".join(words[:-3]).replace("\\", "/")).name
+def _text(data: bytes) -> str:
+    """Text in UTF-8, in UTF-16 with its mark, or as older programs of Windows write it."""
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return data.decode("utf-16")
     try:
-        x, y, z = (float(word) for word in words[-3:])
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252")
+
+
+def _is_vector(words: list[str]) -> bool:
+    try:
+        return len([float(word) for word in words]) == 3
     except ValueError:
-        file = ""
-    if not file:
+        return False
+
+
+def _parse(path: Path, number: int, words: list[str]) -> Light:
+    given = PurePosixPath(" ".join(words[:-3]).strip("\"'").replace("\\", "/"))
+    if not given.name or not _is_vector(words[-3:]):
         raise InputError(f"{path}: line {number} is not 'file x y z': {' '.join(words)!r}")
+    if any(SUFFIX.search(word) for word in words[:-4]) and _is_vector(words[-4:-1]):
+        raise InputError(f"{path}: line {number} has more than three numbers: {' '.join(words)!r}; give 'file x y z'")
+    file, beside = given.name, not given.is_absolute() and ":" not in str(given) and ".." not in given.parts
+    x, y, z = (float(word) for word in words[-3:])
     length = math.hypot(x, y, z)
     if not math.isfinite(length) or length == 0:
         raise InputError(f"{path}: line {number} ({file}) has the light vector {x} {y} {z}; give a direction")
     if z <= 0:
         raise InputError(
-            f"{path}: line {number} ({file}) has a light under the horizon (z = {z:g}); z points to the camera"
+            f"{path}: line {number} ({file}) has a light under the horizon (z = {z:g}), but z points to the camera;"
+            " correct it, or take the line out"
         )
-    return Light(PurePosixPath(file).stem, (x / length, y / length, z / length), file)
+    folder = str(given.parent) if beside and len(given.parts) > 1 else ""
+    return Light(given.stem, (x / length, y / length, z / length), file, folder, length)
 
 
 def write_lp(path: Path, lights: list[Light]) -> None:
-    """Write a `.lp` file."""
-    rows = [f"{light.file or light.name} {' '.join(f'{v:.9f}' for v in light.direction)}" for light in lights]
+    """Write a `.lp` file: directions times lengths."""
+    vectors = [[light.length * part for part in light.direction] for light in lights]
+    rows = [f"{a.file or a.name} {' '.join(f'{part:.9f}' for part in v)}" for a, v in zip(lights, vectors, strict=True)]
     path.write_text("\n".join([str(len(lights)), *rows]) + "\n", encoding="utf-8")
 
 

@@ -73,7 +73,9 @@ def parse_crop(text: str) -> Crop | None:
 
 
 def find(folder: Path, lights: list[Light]) -> dict[str, Path]:
-    """Image of each light, by the light's name; the suffix in the `.lp` need not be that of the file.
+    """Image of each light, by the light's name; suffix and capitals in the `.lp` need not be those of the file.
+
+    It lies in the folder, or in the one beside the `.lp` that this names.
 
     Raises
     ------
@@ -82,13 +84,14 @@ def find(folder: Path, lights: list[Light]) -> dict[str, Path]:
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; give the folder of the photographs")
-    by_stem: dict[str, list[Path]] = {}
-    for path in sorted(folder.iterdir()):
-        if path.suffix.lower() in SUFFIXES:
-            by_stem.setdefault(path.stem, []).append(path)
+    images = {name: _images(folder / name) for name in {"", *(light.folder for light in lights)}}
     found = {}
     for light in lights:
-        paths = by_stem.get(light.name, [])
+        by_stem = images[""]
+        if light.name.casefold() not in by_stem:
+            by_stem = images[light.folder]
+        alike = by_stem.get(light.name.casefold(), [])
+        paths = [path for path in alike if path.stem == light.name] or alike
         exact = [path for path in paths if path.name == light.file]
         if len(exact or paths) > 1:
             raise InputError(f"{paths[0]}: stands beside {paths[1].name}; keep one image for each light")
@@ -96,6 +99,15 @@ def find(folder: Path, lights: list[Light]) -> dict[str, Path]:
             raise InputError(f"{folder / (light.file or light.name)}: no such image, but the .lp names it")
         found[light.name] = (exact or paths)[0]
     return found
+
+
+def _images(folder: Path) -> dict[str, list[Path]]:
+    """Images of a folder by their stems without capitals; none where there is no folder."""
+    by_stem: dict[str, list[Path]] = {}
+    for path in sorted(folder.iterdir()) if folder.is_dir() else []:
+        if path.suffix.lower() in SUFFIXES:
+            by_stem.setdefault(path.stem.casefold(), []).append(path)
+    return by_stem
 
 
 def find_frames(folder: Path, lights: list[Light]) -> dict[str, list[Path]]:

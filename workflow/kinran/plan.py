@@ -68,6 +68,7 @@ def plan_grid(
     meridians: int = 4,
     lamp_mm: float | None = None,
     field_mm: float | None = None,
+    camera_mm: float | None = None,
 ) -> Plan:
     """Plan a grid of directions (Takeda2008, §4: θ = 0, 5, …, 80 and 72 meridians).
 
@@ -86,6 +87,8 @@ def plan_grid(
         Distance from the field's centre to the lamp.
     field_mm
         Width of the field that the camera sees.
+    camera_mm
+        Distance from the field's centre to the camera's centre of projection.
 
     Raises
     ------
@@ -95,7 +98,7 @@ def plan_grid(
     check_name(fabric, "fabric")
     if not exposures_s or not all(math.isfinite(e) and 0 < e <= 60 for e in exposures_s):
         raise InputError(f"exposures {list(exposures_s)}: give seconds between 0 and 60")
-    for name, value in (("lamp-mm", lamp_mm), ("field-mm", field_mm)):
+    for name, value in (("lamp-mm", lamp_mm), ("field-mm", field_mm), ("camera-mm", camera_mm)):
         if value is not None and not (math.isfinite(value) and value > 0):
             raise InputError(f"{name} {value}: give a length over 0 mm")
     owned = group_lights(thetas, phis, meridians)
@@ -121,6 +124,7 @@ def plan_grid(
         light_dose_s=round(bracket * sum(shot.kind in ("light", "monitor") for shot in shots), 3),
         lamp_mm=lamp_mm,
         field_mm=field_mm,
+        camera_mm=camera_mm,
     )
 
 
@@ -219,10 +223,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--meridians", type=int, default=4, help="meridians in a group")
     parser.add_argument("--lamp-mm", type=float, help="distance of the lamp")
     parser.add_argument("--field-mm", type=float, help="width of the field")
+    parser.add_argument("--camera-mm", type=float, help="distance of the camera's centre of projection")
     parser.add_argument("out", type=Path, metavar="OUT", help="plan.json")
 
 
 def main(args: argparse.Namespace) -> None:
     """Write a plan."""
-    plan = plan_grid(args.fabric, args.thetas, args.phis, args.exposures, args.meridians, args.lamp_mm, args.field_mm)
-    write_plan(args.out, plan)
+    distances = args.lamp_mm, args.field_mm, args.camera_mm
+    write_plan(args.out, plan_grid(args.fabric, args.thetas, args.phis, args.exposures, args.meridians, *distances))

@@ -95,7 +95,7 @@ class Plan:
     """Everything that a capture is to take; lights in the order of their indices.
 
     A list of photographs (kind ``list``) has the `encoding` of their values and the `crop` X,Y,W,H that
-    is used.
+    is used. `axis_mm` is where the camera's axis meets the fabric, from the middle of that crop.
     """
 
     fabric: str
@@ -110,6 +110,7 @@ class Plan:
     camera_mm: float | None = None
     encoding: str | None = None
     crop: str = ""
+    axis_mm: tuple[float, float] | None = None
 
     def group(self, name: str) -> Group:
         """The group of this name.
@@ -162,6 +163,7 @@ def read_plan(path: Path) -> Plan:
             camera_mm=value.get("camera_mm"),
             encoding=value.get("encoding"),
             crop=value.get("crop", ""),
+            axis_mm=(value["axis_mm"][0], value["axis_mm"][1]) if value.get("axis_mm") else None,
         )
         digest = value["sha256"]
     except (KeyError, TypeError) as error:
@@ -205,8 +207,9 @@ def check_plan(path: Path, plan: Plan) -> None:
 
 def _as_json(plan: Plan) -> dict[str, Any]:
     value: dict[str, Any] = json.loads(json.dumps({"version": VERSION, **asdict(plan)}))
-    if plan.camera_mm is None:  # plans of before keep their digests
-        del value["camera_mm"]
+    for key in ("camera_mm", "axis_mm"):
+        if value[key] is None:  # plans of before keep their digests
+            del value[key]
     return value
 
 

@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -171,18 +172,24 @@ class Stack:
         InputError
             A shard is missing or damaged.
         """
-        use = slice(None) if lights is None else np.asarray(lights, np.intp)
-        shards = range(-(-len(self.lights) // SHARD))
-        for name in NAMES:
-            for shard in shards if lights is None else np.unique(np.asarray(lights, np.intp) // SHARD):
-                if not shard_path(self.path, name, int(shard)).is_file():
-                    raise InputError(f"{shard_path(self.path, name, int(shard))}: is missing; merge its group")
+        radiance, flags = self.read_stored(y0, y1, x0, x1, lights)
+        return radiance.astype(np.float32), flags
+
+    def read_stored(
+        self, y0: int, y1: int, x0: int, x1: int, lights: ArrayLike | None = None
+    ) -> tuple[NDArray[np.float16], Flags]:
+        """`read_tile` in half precision, as it lies in the stack."""
+        use = np.arange(len(self.lights)) if lights is None else np.asarray(lights, np.intp)
+        for name, shard in product(NAMES, np.unique(use // SHARD).tolist()):
+            if not shard_path(self.path, name, shard).is_file():
+                raise InputError(f"{shard_path(self.path, name, shard)}: is missing; merge its group")
+        # whole chunks of 8 lights are decoded in any case: read the run of them, then take what is asked for
+        first, last = (use.min() // SHARD * SHARD, use.max() + 1) if use.size else (0, 0)
         try:
-            # whole chunks of 8 lights are decoded in any case: take what is asked for afterwards
-            radiance, flags = (array[:, y0:y1, x0:x1] for array in self._arrays)
+            radiance, flags = (array[first:last, y0:y1, x0:x1] for array in self._arrays)
         except Exception as error:  # Zarr and its codecs raise what they like on a broken shard
             raise InputError(f"{self.path}: a shard is damaged ({error}); merge its group again") from None
-        return np.asarray(radiance, np.float32)[use], np.asarray(flags, np.uint8)[use]
+        return np.asarray(radiance, np.float16)[use - first], np.asarray(flags, np.uint8)[use - first]
 
 
 def shard_path(folder: Path, name: str, shard: int) -> Path:

@@ -13,11 +13,16 @@ rule plan:
         meridians=config["rig"]["meridians"],
         lamp=config["rig"]["lamp_mm"],
         field=config["rig"]["field_mm"],
+        camera=(
+            f"--camera-mm {config['rig']['camera_mm']}"
+            if "camera_mm" in config["rig"]
+            else ""
+        ),
         code=digest("kinran.plan"),
     shell:
         "python -m kinran plan --fabric {wildcards.fabric} --thetas {params.thetas} --phis {params.phis}"
         " --exposures {params.exposures} --meridians {params.meridians} --lamp-mm {params.lamp}"
-        " --field-mm {params.field} {output} 2>&1 | tee {log}"
+        " --field-mm {params.field} {params.camera} {output} 2>&1 | tee {log}"
 
 
 rule capture:

@@ -1,3 +1,7 @@
+wildcard_constraints:
+    kind="|".join(kinds),
+
+
 rule chart:
     input:
         "results/chart.html",
@@ -6,38 +10,107 @@ rule chart:
         ),
 
 
-rule chart_fabric:
+rule chart_kind:
+    input:
+        stack=f"{fitted}/radiance.zarr/zarr.json",
+        labels=f"{fitted}/labels.exr",
+        regions=f"{fitted}/regions.json",
+    output:
+        "results/{fabric}/chart/{kind}.csv",
+    log:
+        "logs/{fabric}/chart/{kind}.log",
+    benchmark:
+        "results/{fabric}/benchmarks/chart.{kind}.tsv"
+    # one at a time, so that no other job spoils the times
+    threads: workflow.cores
+    resources:
+        mem_mb=3000,
+    params:
+        stack=fitted_stack,
+        code=lambda wildcards: [
+            digest(f"kinran.chart.methods.{wildcards.kind}"),
+            digest("kinran.chart.experiments"),
+        ],
+    shell:
+        "export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1;"
+        " python -m kinran chart {output:q} --fabric {wildcards.fabric} --stack {params.stack:q}"
+        " --labels {input.labels:q} --regions {input.regions:q} --kind {wildcards.kind} 2>&1 | tee {log}"
+
+
+rule chart_default:
+    input:
+        stack=f"{fitted}/radiance.zarr/zarr.json",
+        labels=f"{fitted}/labels.exr",
+        regions=f"{fitted}/regions.json",
+        material="results/{fabric}/material.exr",
+        summary=lambda wildcards: f"results/{wildcards.fabric}/fit/{methods(wildcards)[0]}.json",
+    output:
+        "results/{fabric}/chart/default.csv",
+    log:
+        "logs/{fabric}/chart/default.log",
+    benchmark:
+        "results/{fabric}/benchmarks/chart.default.tsv"
+    threads: workflow.cores
+    resources:
+        mem_mb=3000,
+    params:
+        stack=fitted_stack,
+        code=digest("kinran.chart.default"),
+    shell:
+        "export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1;"
+        " python -m kinran chart {output:q} --fabric {wildcards.fabric} --stack {params.stack:q}"
+        " --labels {input.labels:q} --regions {input.regions:q} --kind default --material {input.material:q}"
+        " --summary {input.summary:q} 2>&1 | tee {log}"
+
+
+rule chart_regions:
     input:
         stack="results/{fabric}/radiance.zarr/zarr.json",
         labels="results/{fabric}/labels.exr",
-        regions="results/{fabric}/regions.json",
-        material="results/{fabric}/material.exr",
-        summary=lambda wildcards: f"results/{wildcards.fabric}/fit/{methods(wildcards)[0]}.json",
+    output:
+        "results/{fabric}/chart/regions.csv",
+    log:
+        "logs/{fabric}/chart/regions.log",
+    params:
+        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        scene=virtual_rig,
+        code=digest("kinran.chart.regions"),
+    shell:
+        "python -m kinran chart-regions {output:q} --fabric {wildcards.fabric} --stack {params.stack:q}"
+        " --labels {input.labels:q} --scene {params.scene:q} 2>&1 | tee {log}"
+
+
+rule chart_fabric:
+    input:
+        chart_tables,
     output:
         table="results/{fabric}/chart.csv",
         svg="results/{fabric}/chart.svg",
         png="results/{fabric}/chart.png",
     log:
         "logs/{fabric}/chart.log",
-    benchmark:
-        "results/{fabric}/benchmarks/chart.tsv"
-    # one at a time, so that no other job spoils the times
-    threads: workflow.cores
-    resources:
-        mem_mb=3000,
     params:
-        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
-        code=digest("kinran.chart"),
+        code=digest("kinran.chart.table"),
     shell:
-        "export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1;"
-        " python -m kinran chart {output.table:q} --fabric {wildcards.fabric} --stack {params.stack:q}"
-        " --labels {input.labels:q} --regions {input.regions:q} --material {input.material:q}"
-        " --summary {input.summary:q} --pictures {output.svg:q} {output.png:q} 2>&1 | tee {log}"
+        "python -m kinran chart-table {output.table:q} --tables {input:q}"
+        " --pictures {output.svg:q} {output.png:q} 2>&1 | tee {log}"
+
+
+rule stability:
+    output:
+        "results/stability.json",
+    log:
+        "logs/stability.log",
+    params:
+        code=digest("kinran.bench.stability"),
+    shell:
+        "python -m kinran bench stability --out {output:q} 2>&1 | tee {log}"
 
 
 rule charts:
     input:
-        expand("results/{fabric}/chart.csv", fabric=fabrics),
+        charts=expand("results/{fabric}/chart.csv", fabric=fabrics),
+        stability="results/stability.json",
     output:
         "results/chart.html",
     log:
@@ -45,4 +118,4 @@ rule charts:
     params:
         code=digest("kinran.chart.page"),
     shell:
-        "python -m kinran charts {output:q} --charts {input:q} 2>&1 | tee {log}"
+        "python -m kinran charts {output:q} --charts {input.charts:q} --stability {input.stability:q} 2>&1 | tee {log}"

@@ -2,7 +2,7 @@ import json
 import sys
 from pathlib import Path
 
-from kinran.code import digest
+from kinran.code import PACKAGES, digest
 from kinran.config import lobes_of, read_fabrics, read_revisions
 from kinran.files import InputError
 from snakemake.exceptions import WorkflowError
@@ -21,6 +21,14 @@ rig_fabrics = [name for name, fabric in fabrics.items() if fabric.folder is None
 set_fabrics = [name for name, fabric in fabrics.items() if fabric.folder is not None]
 models = list(dict.fromkeys([config["fit"]["model"], *config["fit"]["compare"]]))
 jobs = range(config["fit"]["jobs"])
+# the texels that are fitted and judged: as they were measured, or as coarse as the scene allows
+fitted = (
+    "results/{fabric}/needed"
+    if config["fit"]["texels"] == "needed"
+    else "results/{fabric}"
+)
+# a job of the chart for each kind of method: a new file is a new job, and no other runs again
+kinds = sorted(p.stem for p in PACKAGES["kinran"].glob("chart/methods/[a-z]*.py"))
 
 
 wildcard_constraints:
@@ -60,11 +68,12 @@ def revisions(wildcards):
 
 def virtual_rig(wildcards):
     """What the virtual camera looks at, as JSON; the same text for the same settings."""
-    settings = {
-        **config["virtual"],
-        "field_mm": config["rig"]["field_mm"],
-        "lamp_mm": config["rig"]["lamp_mm"],
+    lengths = {
+        name: config["rig"][name]
+        for name in ("field_mm", "lamp_mm", "camera_mm")
+        if name in config["rig"]
     }
+    settings = {**config["virtual"], **lengths}
     return json.dumps(settings, sort_keys=True)
 
 
@@ -81,6 +90,11 @@ def methods(wildcards):
     )
 
 
+def fitted_stack(wildcards):
+    """Folder of the stack that is fitted; a job reads its shards, of which the rules name none."""
+    return f"{fitted.format(fabric=wildcards.fabric)}/radiance.zarr"
+
+
 def need_of(wildcards):
     """What the scene needs of a fabric, where the fit asks for it; else nothing of the fit depends on the scene."""
     asked = config["fit"]["regions"] == "needed"
@@ -91,8 +105,17 @@ def lobes_option(wildcards):
     """Lobes of the slope model; the other models know none of it."""
     if getattr(wildcards, "model", "slope") != "slope":
         return ""
+    if choice := choice_of(wildcards):
+        return f"--choice {choice}"
     lobes, tail = lobes_of(config, fabrics[wildcards.fabric])
     return f"--lobes {lobes} --tail {tail}"
+
+
+def choice_of(wildcards):
+    """What was chosen for the slope model of a fabric, where the config leaves that open."""
+    slope = getattr(wildcards, "model", "slope") == "slope"
+    asked = slope and lobes_of(config, fabrics[wildcards.fabric]) is None
+    return f"results/{wildcards.fabric}/fit/choice.json" if asked else []
 
 
 def fitted_option(wildcards):
@@ -101,3 +124,11 @@ def fitted_option(wildcards):
     if regions == "needed":
         return f"--need {need_of(wildcards)}"
     return "--fitted 0" if regions == "shiniest" else ""
+
+
+def chart_tables(wildcards):
+    """Tables of all methods and, where the truth is known, of the regions."""
+    parts = ["default", *kinds]
+    if wildcards.fabric in rig_fabrics and config["rig"]["device"] == "virtual":
+        parts.append("regions")
+    return [f"results/{wildcards.fabric}/chart/{part}.csv" for part in parts]

@@ -18,11 +18,56 @@ rule segment:
         " --statistics {output.statistics:q} 2>&1 | tee {log}"
 
 
-rule prior:
+rule coarsen:
     input:
         stack="results/{fabric}/radiance.zarr/zarr.json",
         labels="results/{fabric}/labels.exr",
         regions="results/{fabric}/regions.json",
+        need="results/{fabric}/need.json",
+    output:
+        stack="results/{fabric}/needed/radiance.zarr/zarr.json",
+        labels="results/{fabric}/needed/labels.exr",
+        regions="results/{fabric}/needed/regions.json",
+    log:
+        "logs/{fabric}/coarsen.log",
+    benchmark:
+        "results/{fabric}/benchmarks/coarsen.tsv"
+    params:
+        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        coarse=subpath(output.stack, parent=True),
+        code=digest("kinran.coarsen"),
+    shell:
+        "python -m kinran coarsen {params.coarse:q} --stack {params.stack:q} --labels {input.labels:q}"
+        " --regions {input.regions:q} --need {input.need:q} --coarse-labels {output.labels:q}"
+        " --coarse-regions {output.regions:q} 2>&1 | tee {log}"
+
+
+rule choice:
+    input:
+        stack=f"{fitted}/radiance.zarr/zarr.json",
+        labels=f"{fitted}/labels.exr",
+        regions=f"{fitted}/regions.json",
+    output:
+        "results/{fabric}/fit/choice.json",
+    log:
+        "logs/{fabric}/choice.log",
+    benchmark:
+        "results/{fabric}/benchmarks/choice.tsv"
+    threads: workflow.cores
+    params:
+        stack=fitted_stack,
+        code=digest("kinran.fit.choice"),
+    shell:
+        "python -m kinran choice {output:q} --stack {params.stack:q} --labels {input.labels:q}"
+        " --regions {input.regions:q} --threads {threads} 2>&1 | tee {log}"
+
+
+rule prior:
+    input:
+        stack=f"{fitted}/radiance.zarr/zarr.json",
+        labels=f"{fitted}/labels.exr",
+        regions=f"{fitted}/regions.json",
+        choice=choice_of,
     output:
         "results/{fabric}/fit/prior.json",
     log:
@@ -31,7 +76,7 @@ rule prior:
         "results/{fabric}/benchmarks/prior.tsv"
     threads: workflow.cores
     params:
-        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        stack=fitted_stack,
         lobes=lobes_option,
         code=digest("kinran.fit.prior"),
     shell:
@@ -41,14 +86,15 @@ rule prior:
 
 rule fit:
     input:
-        stack="results/{fabric}/radiance.zarr/zarr.json",
-        labels="results/{fabric}/labels.exr",
+        stack=f"{fitted}/radiance.zarr/zarr.json",
+        labels=f"{fitted}/labels.exr",
         prior=branch(
             lambda wildcards: wildcards.model == "slope",
             then="results/{fabric}/fit/prior.json",
             otherwise=[],
         ),
         need=need_of,
+        choice=choice_of,
     output:
         temp("results/{fabric}/fit/{model}.{job}.npz"),
     log:
@@ -59,7 +105,7 @@ rule fit:
         mem_mb=1500,
         runtime=60,
     params:
-        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        stack=fitted_stack,
         prior=lambda wildcards, input: (
             f"--prior {input.prior}" if input.get("prior") else ""
         ),
@@ -75,18 +121,19 @@ rule fit:
 
 rule material:
     input:
-        stack="results/{fabric}/radiance.zarr/zarr.json",
-        labels="results/{fabric}/labels.exr",
-        regions="results/{fabric}/regions.json",
+        stack=f"{fitted}/radiance.zarr/zarr.json",
+        labels=f"{fitted}/labels.exr",
+        regions=f"{fitted}/regions.json",
         runs=expand("results/{{fabric}}/fit/{{model}}.{job}.npz", job=jobs),
         need=need_of,
+        choice=choice_of,
     output:
         material="results/{fabric}/fit/{model}.exr",
         summary="results/{fabric}/fit/{model}.json",
     log:
         "logs/{fabric}/material/{model}.log",
     params:
-        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        stack=fitted_stack,
         fitted=fitted_option,
         lobes=lobes_option,
         code=digest("kinran.fit.join"),
@@ -98,8 +145,8 @@ rule material:
 
 rule residual:
     input:
-        stack="results/{fabric}/radiance.zarr/zarr.json",
-        labels="results/{fabric}/labels.exr",
+        stack=f"{fitted}/radiance.zarr/zarr.json",
+        labels=f"{fitted}/labels.exr",
         prior="results/{fabric}/fit/prior.json",
         material="results/{fabric}/fit/slope.exr",
         summary="results/{fabric}/fit/slope.json",
@@ -115,12 +162,40 @@ rule residual:
         mem_mb=2000,
         runtime=60,
     params:
-        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        stack=fitted_stack,
         code=digest("kinran.fit.residual"),
     shell:
         "python -m kinran residual {output.material:q} --stack {params.stack:q} --labels {input.labels:q}"
         " --prior {input.prior:q} --material {input.material:q} --fitted {input.summary:q}"
         " --summary {output.summary:q} --threads {threads} 2>&1 | tee {log}"
+
+
+rule sigma:
+    input:
+        stack=f"{fitted}/radiance.zarr/zarr.json",
+        labels=f"{fitted}/labels.exr",
+        regions=f"{fitted}/regions.json",
+        prior="results/{fabric}/fit/prior.json",
+        material="results/{fabric}/fit/slope.exr",
+    output:
+        maps="results/{fabric}/fit/slope.sigma.exr",
+        summary="results/{fabric}/fit/slope.sigma.json",
+        picture="results/{fabric}/fit/slope.sigma.png",
+    log:
+        "logs/{fabric}/sigma.log",
+    benchmark:
+        "results/{fabric}/benchmarks/sigma.tsv"
+    threads: workflow.cores
+    resources:
+        mem_mb=1500,
+        runtime=60,
+    params:
+        stack=fitted_stack,
+        code=digest("kinran.fit.sigma"),
+    shell:
+        "python -m kinran sigma {output.maps:q} --stack {params.stack:q} --labels {input.labels:q}"
+        " --regions {input.regions:q} --prior {input.prior:q} --material {input.material:q}"
+        " --summary {output.summary:q} --picture {output.picture:q} --threads {threads} 2>&1 | tee {log}"
 
 
 rule choose:
@@ -137,9 +212,9 @@ rule choose:
 
 rule evaluate:
     input:
-        stack="results/{fabric}/radiance.zarr/zarr.json",
-        labels="results/{fabric}/labels.exr",
-        regions="results/{fabric}/regions.json",
+        stack=f"{fitted}/radiance.zarr/zarr.json",
+        labels=f"{fitted}/labels.exr",
+        regions=f"{fitted}/regions.json",
         materials=lambda wildcards: expand(
             "results/{fabric}/fit/{model}.exr",
             fabric=wildcards.fabric,
@@ -158,7 +233,7 @@ rule evaluate:
     benchmark:
         "results/{fabric}/benchmarks/evaluate.tsv"
     params:
-        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        stack=fitted_stack,
         code=digest("kinran.evaluate"),
     shell:
         "python -m kinran evaluate {output.errors:q} --fabric {wildcards.fabric} --stack {params.stack:q}"

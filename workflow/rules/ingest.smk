@@ -10,11 +10,12 @@ rule ingest:
         encoding=lambda wildcards: fabrics[wildcards.fabric].encoding,
         crop=lambda wildcards: fabrics[wildcards.fabric].crop,
         holdout=config["holdout"],
+        distances=lambda wildcards: fabrics[wildcards.fabric].distance_options,
         code=digest("kinran.ingest"),
     shell:
         "python -m kinran ingest --folder {params.folder:q} --fabric {wildcards.fabric}"
         " --encoding {params.encoding:q} --crop={params.crop:q} --holdout {params.holdout}"
-        " {output:q} 2>&1 | tee {log}"
+        " {params.distances} {output:q} 2>&1 | tee {log}"
 
 
 rule ingest_group:

@@ -3,6 +3,7 @@ rule calibrate:
         plan="captures/{fabric}/plan.json",
         # one group alone, so that a direction shot again does not merge all groups again
         manifest=calibration_manifest,
+        chart=lambda wildcards: fabrics[wildcards.fabric].chart.file or [],
     output:
         "results/{fabric}/calibration.json",
     log:
@@ -10,10 +11,11 @@ rule calibrate:
     benchmark:
         "results/{fabric}/benchmarks/calibrate.tsv"
     params:
+        chart=lambda wildcards: fabrics[wildcards.fabric].chart.options,
         code=digest("kinran.radiance.calibrate"),
     shell:
         "python -m kinran calibrate {output:q} --plan {input.plan:q} --manifests {input.manifest:q}"
-        " 2>&1 | tee {log}"
+        " {params.chart} 2>&1 | tee {log}"
 
 
 rule merge:

@@ -11,6 +11,11 @@ rule report:
         material="results/{fabric}/material.exr",
         errors="results/{fabric}/evaluation.json",
         picture="results/{fabric}/evaluation.png",
+        sigma=branch(
+            config["fit"]["model"] == "slope",
+            then="results/{fabric}/fit/slope.sigma.json",
+            otherwise=[],
+        ),
         mesh="results/{fabric}/mesh.json",
         render="results/{fabric}/render.png",
         sweep="results/{fabric}/sweep.png",

@@ -48,12 +48,12 @@ def fit(T: Samples, lights: Array, count: int, matrix: Matrix) -> Components:
 
     Found from the smaller of the two Gram matrices, so that neither many texels nor many lights are dear.
     """
-    texels, _, n = T.shape
-    X = T.reshape(texels, 3 * n)
+    texels, channels, n = T.shape
+    X = T.reshape(texels, channels * n)
     mean = X.mean(0)
     X = X - mean
-    count = min(count, texels, 3 * n)
-    if texels >= 3 * n:
+    count = min(count, texels, channels * n)
+    if texels >= channels * n:
         gram = (X.T @ X).astype(float)
         _, vectors = np.linalg.eigh(gram)
         basis = vectors[:, ::-1][:, :count].astype(np.float32)
@@ -61,7 +61,7 @@ def fit(T: Samples, lights: Array, count: int, matrix: Matrix) -> Components:
         values, vectors = np.linalg.eigh((X @ X.T).astype(float))
         scale = np.sqrt(np.maximum(values[::-1][:count], 1e-30))
         basis = ((X.T @ vectors[:, ::-1][:, :count]) / scale).astype(np.float32)
-    return Components(X @ basis, basis.T.reshape(count, 3, n).copy(), mean.reshape(3, n), lights, matrix)
+    return Components(X @ basis, basis.T.reshape(count, channels, n).copy(), mean.reshape(channels, n), lights, matrix)
 
 
 def predict(fitted: Components, lights: Array) -> Samples:

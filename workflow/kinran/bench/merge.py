@@ -27,13 +27,16 @@ from kinran.files import write_json
 from kinran.plans import Group, Plan, PlanLight, Shot, write_plan
 from kinran.radiance.bracket import estimate_rows
 from kinran.radiance.calibration import Calibration, Camera, Exposure, write_calibration
+from kinran.radiance.flat import Flat
+from kinran.radiance.radiometry import to_radiance
 from kinran.radiance.raw import read_raw
 from kinran.radiance.shots import Bracket, Frame, Taken
 from kinran.radiance.superpixels import merge_bracket
-from kinran.stack import SHARD, Light, Stack, write_metadata, write_shards
+from kinran.stack import SHARD, Light, ShardWriter, Stack, write_metadata, write_shards
 from kinran.virtual.dng import write_dng
 
 REPEATS = 5
+HOT_SITES = 5e-4
 RATES = (25, 100, 250, 1000, 4000)
 TILE_LIGHTS, TILE_READ = 16, 200
 """Lights that are written, and the number to which the time is scaled."""
@@ -104,17 +107,41 @@ def speed(folder: Path, rows: int, columns: int) -> dict[str, Any]:
         "kinran_estimator_cpu_s": ours,
     }
     found |= _opencv(sites, samples, ours)
-    camera = bench_camera()
+    return found | _job(folder, sites, planes)
+
+
+def _job(folder: Path, sites: NDArray[np.uint16], planes: NDArray[np.uint16]) -> dict[str, Any]:
+    """CPU seconds of the parts of a merge job, for one light."""
+    rows, columns = sites.shape[1:]
+    camera = bench_camera(rows, columns)
     frames = tuple(Frame(Path(f"{rate}.dng"), 1 / rate) for rate in RATES)
     shot = Taken("light", "light", 0, None, None, frames)
-    bracket = Bracket(shot, planes, black[:, 0], False, np.array([1 / r for r in RATES]), 4095.0, 0, frames)
-    merge_bracket(bracket, camera)
-    found["kinran_superpixels_cpu_s"] = cpu(lambda: merge_bracket(bracket, camera))
-    path = folder / "frame.dng"
-    write_lossless(path, sites[1])
-    found["decode_cpu_s"] = 5 * cpu(lambda: read_raw(path), 3)
-    found["merge_over_decode"] = found["kinran_superpixels_cpu_s"] / found["decode_cpu_s"]
-    return found
+    nominal, black = np.array([1 / rate for rate in RATES]), np.full(5, float(BLACK))
+    bracket = Bracket(shot, planes, black, False, nominal, 4095.0, 0, frames)
+    rate, flags = merge_bracket(bracket, camera)
+    merging = cpu(lambda: merge_bracket(bracket, camera))
+    files = {kind: [folder / f"{kind}_{k}.dng" for k in RATES] for kind in ("lossless", "plain")}
+    for k, one in enumerate(sites):
+        encoded = bytes(imagecodecs.ljpeg_encode(np.ascontiguousarray(one), bitspersample=12))
+        _write(files["lossless"][k], one, Fraction(1, RATES[k]), encoded)  # as cameras write CR2
+        _write(files["plain"][k], one, Fraction(1, RATES[k]))
+    decoding = {kind: cpu(lambda paths=paths: [read_raw(path) for path in paths], 3) for kind, paths in files.items()}  # type: ignore[misc]
+
+    def store() -> None:
+        with ShardWriter(folder / "store.zarr", *rate.shape[:2]) as writer:
+            for _ in range(SHARD):
+                writer.add(rate, flags)
+            writer.write(0)
+
+    return {
+        "kinran_superpixels_cpu_s": merging,
+        "decode_cpu_s": decoding["lossless"],
+        "decode_uncompressed_cpu_s": decoding["plain"],
+        "merge_over_decode": merging / decoding["lossless"],
+        "merge_over_decode_uncompressed": merging / decoding["plain"],
+        "radiometry_cpu_s": cpu(lambda: to_radiance(rate, flags, camera, 1.0, 10, 0)),
+        "store_cpu_s": cpu(store, 1) / SHARD,
+    }
 
 
 def _opencv(sites: NDArray[np.uint16], samples: float, ours: float) -> dict[str, Any]:
@@ -149,17 +176,19 @@ def expose_fast(rates: NDArray[np.float64]) -> NDArray[np.uint16]:
     return out
 
 
-def bench_camera() -> Camera:
-    """The calibration of the synthetic camera."""
+def bench_camera(rows: int, columns: int) -> Camera:
+    """The calibration of the synthetic camera, with the faults that a real one has: hot sites, glare, a flat field."""
     exposures = tuple(Exposure(1 / r, float(s), float(s), 1) for r, s in zip(RATES, SECONDS, strict=True))
-    black = (float(BLACK),) * 4
-    return Camera(black, False, RESPONSE, exposures, (), (1e6, 1e6, 1e6), 1.0, None)
+    rng, count = np.random.default_rng(3), round(HOT_SITES * rows * columns)
+    sites = rng.integers(0, [4, rows // 2, columns // 2], (count, 3))
+    bad = tuple((int(plane), int(y), int(x)) for plane, y, x in sites)
+    flat = Flat(0.0, 0.0, ((1.0, *[0.0] * 13, -0.05),) * 3)
+    black, white = (float(BLACK),) * 4, (1e6, 1e6, 1e6)
+    return Camera(black, False, RESPONSE, exposures, bad, white, 1.0, None, glare=0.005, flats=(flat,))
 
 
-def write_lossless(path: Path, counts: NDArray[np.uint16]) -> None:
-    """A DNG with lossless JPEG, as cameras write CR2."""
-    encoded = bytes(imagecodecs.ljpeg_encode(np.ascontiguousarray(counts), bitspersample=12))
-    write_dng(path, counts, Fraction(1, 100), 0, BLACK, 4095, "2000:01:01 00:00:00", encoded=encoded)
+def _write(path: Path, counts: NDArray[np.uint16], seconds: Fraction, encoded: bytes | None = None) -> None:
+    write_dng(path, counts, seconds, 0, BLACK, 4095, "2000:01:01 00:00:00", encoded=encoded)
 
 
 def memory(folder: Path, rows: int, columns: int) -> dict[str, Any]:
@@ -186,7 +215,7 @@ def _group(folder: Path, rows: int, columns: int) -> tuple[Path, Path, Path]:
     """A capture of 8 lights that are one and the same bracket, and θ = 0 in a shard of its own."""
     counts = expose_fast(scene(rows, columns))
     for rate, one in zip(RATES, counts, strict=True):
-        write_dng(folder / f"{rate}.dng", one, Fraction(1, rate), 0, BLACK, 4095, "2000:01:01 00:00:00")
+        _write(folder / f"{rate}.dng", one, Fraction(1, rate))
     lights = tuple(PlanLight(k, f"l{k}", 10.0, 40.0 * k, (0.0, 0.6, 0.8)) for k in range(SHARD + 1))
     shots = [Shot(light.name, "light", light.index, light.theta, light.phi) for light in lights]
     shots[-1] = Shot("monitor", "monitor", SHARD, 0.0, 0.0)
@@ -201,7 +230,7 @@ def _group(folder: Path, rows: int, columns: int) -> tuple[Path, Path, Path]:
     (folder / "groups").mkdir()
     write_json(folder / "groups/00.json", {"plan_sha256": plan.sha256, "shots": taken})
     eye = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    camera = bench_camera()
+    camera = bench_camera(rows, columns)
     calibration = Calibration("bench", plan.sha256, rows // 2, columns // 2, "", "", camera, "camera RGB", eye, ())
     write_calibration(folder / "calibration.json", calibration)
     return folder / "groups/00.json", folder / "plan.json", folder / "calibration.json"

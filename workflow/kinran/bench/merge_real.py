@@ -79,8 +79,8 @@ def merge_band(folder: Path, band: int) -> tuple[Array, Array, tuple[Exposure, .
     exposures = measure([three], [np.repeat(black, 3, 1)], times, times, rough)
     seconds = [e.seconds for e in exposures]
     rows = row_seconds(seconds, [()] * len(times), planes.shape[2])
-    gain, read = measure_noise(planes, black, rows, rough.clip)
-    merged = estimate_rows(planes, black, rows, Response(rough.saturation, gain, read), 0, planes.shape[2])
+    response = Response(rough.saturation, *measure_noise(planes, black, rows, rough.clip))
+    merged = estimate_rows(planes, black, rows, response, 0, planes.shape[2])
     return merged.rate[0].astype(float), merged.sigma[0].astype(float), exposures
 
 

@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 SSIM_SIGMA, SSIM_K1, SSIM_K2 = 1.5, 0.01, 0.03
 SSIM_LIGHTS = 24
 BANDS = (0, 30, 50, 65, 90)
+EXACT = 1e-10
+"""Of the samples' mean square: less is no residual."""
 
 
 def squares(predicted: Samples, trial: Trial) -> tuple[Array, Array]:
@@ -46,6 +48,29 @@ def summary(predicted: Samples, trial: Trial) -> dict[str, float]:
     }
 
 
+def criteria(fitted: Samples, trial: Trial, numbers: float) -> dict[str, float]:
+    """Akaike's and Schwarz's criteria, n ln(RSS / n) + 2 k and + k ln n, mean over texels; less is better.
+
+    Both take what a model leaves for noise, which it is not; nothing for what goes through its samples.
+
+    Parameters
+    ----------
+    fitted : (texel, 3, light) float32
+        What a model says of the training samples.
+    numbers
+        k, of a texel.
+    """
+    used = trial.W[:, None] > 0
+    left = np.where(used, fitted - trial.T, 0).astype(float)
+    energy = float(np.mean(trial.T.astype(float) ** 2))
+    n = np.maximum(3.0 * used.sum((1, 2)), 1)
+    rss = (left**2).sum((1, 2)) / n
+    if not energy > 0 or np.median(rss) < EXACT * energy:
+        return {}
+    misfit = n * np.log(np.maximum(rss, EXACT * energy))
+    return {"aic": float(np.mean(misfit + 2 * numbers)), "bic": float(np.mean(misfit + numbers * np.log(n)))}
+
+
 def ratio_of(e: Array, g: Array) -> float:
     """Relative error of squared errors and energies."""
     return float(np.sqrt(e.sum() / max(g.sum(), 1e-30)))
@@ -59,8 +84,13 @@ def by_band(predicted: Samples, trial: Trial) -> dict[str, float]:
     for low, high in pairwise(BANDS):
         inside = (theta >= low) & (theta < high)
         if inside.any():
-            result[f"{low}–{high}°"] = ratio_of(e[:, inside], g[:, inside])
+            result[band(low, high)] = ratio_of(e[:, inside], g[:, inside])
     return result
+
+
+def band(low: int, high: int) -> str:
+    """Name of a band of θ, degrees."""
+    return f"{low}–{high}°"
 
 
 def by_region(predicted: Samples, trial: Trial, names: list[str]) -> dict[str, float]:

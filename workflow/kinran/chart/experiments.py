@@ -1,26 +1,26 @@
-"""The experiments of the chart: every method on all lights, then some with less."""
+"""The experiments of the chart: a method on all lights, then with less."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kinran.chart import errors, meter
-from kinran.chart.methods import Method, methods
+from kinran.chart.method import Method
 from kinran.chart.rows import Row
 from kinran.chart.trial import Samples, Trial, spread
 
 DIRECTIONS = (300, 100, 50, 30, 16)
-THIN = 2000
-"""Texels that the experiments with less light are made with."""
+SOME, SAMPLES = 600, 200_000
+"""Experiments with less light are made with 600 texels, and with more under so few lights that these are quick."""
 EXTRAPOLATE_FROM = 50.0
 LEAST_EXPOSURES = 2
 WARM = 24
 
 
-def run(trial: Trial, fabric: str, names: list[str], default: tuple[str, Samples, dict[str, float]]) -> list[Row]:
-    """All rows of a fabric.
+def run(trial: Trial, fabric: str, names: list[str], methods: Iterable[Method]) -> list[Row]:
+    """Rows of methods, the floor first.
 
     Parameters
     ----------
@@ -28,78 +28,87 @@ def run(trial: Trial, fabric: str, names: list[str], default: tuple[str, Samples
         Its samples.
     names
         Of its regions.
-    default
-        Name of the default material, what it predicts (texel, 3, light), and what it cost.
     """
-    n = trial.lights.shape[0]
-    floor = 1e6 * trial.T[0].nbytes / meter.bandwidth()
-    judged = "psnr_display" if trial.coder else "relative_error"
-    rows = [Row(fabric, "floor", judged, "read the samples once", "floor", n, {"microseconds": floor})]
-    name, predicted, cost = default
-    rows += _judged(fabric, (name, "default"), predicted, trial, names, cost)
-    for method in methods():
-        if n >= method.least_lights:
-            rows += _whole(fabric, method, trial, names)
-    thin = trial.thinned(THIN)
-    for count in (n, *(c for c in DIRECTIONS if c < n)):
-        rows += _swept(fabric, "directions", str(count), thin.under(spread(thin.lights, count)), thin)
-    if trial.clips:
-        for kept in range(len(trial.clips), LEAST_EXPOSURES - 1, -1):
-            rows += _swept(fabric, "exposures", str(kept), thin.with_exposures(kept), thin)
-    rows += _extrapolated(fabric, thin)
+    rows = [floor(trial, fabric)]
+    for method in methods:
+        if len(trial.lights) >= method.least_lights:
+            fitted, cost = measure(method, trial)
+            rows += judged(fabric, method, fitted, trial, names, cost)
+        if method.swept:
+            rows += with_less(trial, fabric, method)
     return rows
 
 
-def _whole(fabric: str, method: Method, trial: Trial, names: list[str]) -> list[Row]:
+def floor(trial: Trial, fabric: str) -> Row:
+    """What reading the training samples of a texel once costs; its setting is the measure that the front goes by."""
+    judge = "psnr_display" if trial.coder else "relative_error"
+    microseconds = 1e6 * trial.T[0].nbytes / meter.bandwidth()
+    values = {"microseconds": microseconds}
+    return Row(fabric, "floor", judge, "read the samples once", "floor", len(trial.lights), values)
+
+
+def measure(method: Method, trial: Trial) -> tuple[Samples, dict[str, float]]:
+    """Fit to the whole trial: predictions under the held-out lights, and what they cost."""
     method.fit(trial.thinned(WARM))  # compiles
     fitted, cost = meter.measure(lambda: method.fit(trial))
     values = {
         "microseconds": 1e6 * cost.seconds / trial.texels,
         "bytes": fitted.bytes_per_texel(trial.texels),
+        "peak_mb": cost.peak,
         **({"memory_mb": cost.memory} if cost.memory >= 0 else {}),
+        **errors.criteria(fitted.predict(trial.lights), trial, fitted.bytes_per_texel(trial.texels) / 2),
     }
-    return _judged(fabric, (method.name, method.family), fitted.predict(trial.held_out), trial, names, values)
+    return fitted.predict(trial.held_out), values
 
 
-def _judged(
-    fabric: str, who: tuple[str, str], predicted: Samples, trial: Trial, names: list[str], cost: dict[str, float]
+def judged(
+    fabric: str, method: Method, predicted: Samples, trial: Trial, names: list[str], cost: dict[str, float]
 ) -> list[Row]:
+    """Rows of a prediction under all lights: as a whole, by band of θ and by region."""
     values = {**errors.summary(predicted, trial), **cost}
     took = f", {cost['microseconds']:.3g} µs a texel" if "microseconds" in cost else ""
-    print(f"{who[0]}: relative error {values['relative_error']:.3f}{took}", file=sys.stderr, flush=True)
-    n = trial.lights.shape[0]
-    rows = [Row(fabric, "all", "", *who, n, values)]
+    print(f"{method.name}: relative error {values['relative_error']:.3f}{took}", file=sys.stderr, flush=True)
+    n = len(trial.lights)
+    rows = [Row(fabric, "all", "", method.name, method.family, n, values)]
     for experiment, parts in (
         ("theta", errors.by_band(predicted, trial)),
         ("region", errors.by_region(predicted, trial, names)),
     ):
         for setting, value in parts.items():
-            rows.append(Row(fabric, experiment, setting, *who, n, {"relative_error": value}))
+            rows.append(Row(fabric, experiment, setting, method.name, method.family, n, {"relative_error": value}))
     return rows
 
 
-def _swept(fabric: str, experiment: str, setting: str, less: Trial, judge: Trial) -> Iterator[Row]:
-    """Rows of the methods that can do with what `less` has, judged by the held-out samples of `judge`."""
-    n = less.lights.shape[0]
-    print(f"{experiment} {setting}", file=sys.stderr, flush=True)
-    for method in methods():
-        if method.swept and n >= method.least_lights:
-            values = errors.summary(method.fit(less).predict(judge.held_out), judge)
-            yield Row(fabric, experiment, setting, method.name, method.family, n, values)
+def with_less(trial: Trial, fabric: str, method: Method) -> Iterator[Row]:
+    """Rows of a method with fewer directions, fewer exposures, and without some rings of θ."""
+    n = len(trial.lights)
+
+    def row(experiment: str, setting: str, less: Trial, values: dict[str, float]) -> Row:
+        return Row(fabric, experiment, setting, method.name, method.family, len(less.lights), values)
+
+    for count in (n, *(c for c in DIRECTIONS if c < n)):
+        if count >= method.least_lights:
+            some = trial.thinned(max(SOME, SAMPLES // count))
+            less = some.under(spread(some.lights, count))
+            yield row("directions", str(count), less, errors.summary(_predict(method, less), some))
+    some = trial.thinned(SOME)
+    for kept in range(len(trial.clips), LEAST_EXPOSURES - 1, -1):
+        if n >= method.least_lights:
+            less = some.with_exposures(kept)
+            yield row("exposures", str(kept), less, errors.summary(_predict(method, less), some))
+    theta = np.degrees(np.arccos(np.clip(trial.lights[:, 2], -1, 1)))
+    for low, high in pairwise(errors.BANDS):
+        less = some.under(np.flatnonzero((theta < low) | (theta >= high)))
+        if method.least_lights <= len(less.lights) < n:
+            parts = errors.by_band(_predict(method, less), some)
+            label = errors.band(low, high)
+            if label in parts:
+                yield row("ring", label, less, {"relative_error": parts[label]})
+    near = some.under(np.flatnonzero(theta <= EXTRAPOLATE_FROM + 0.1))
+    if method.least_lights <= len(near.lights) < n:
+        for setting, value in errors.by_band(_predict(method, near), some).items():
+            yield row("extrapolation", setting, near, {"relative_error": value})
 
 
-def _extrapolated(fabric: str, trial: Trial) -> list[Row]:
-    """Rows by band of θ of methods that saw lights within 50° of the normal alone."""
-    use: NDArray[np.intp] = np.flatnonzero(trial.lights[:, 2] >= np.cos(np.radians(EXTRAPOLATE_FROM + 0.1)))
-    rows: list[Row] = []
-    if len(use) == len(trial.lights):
-        return rows
-    near = trial.under(use)
-    print(f"extrapolation from θ ≤ {EXTRAPOLATE_FROM:g}°", file=sys.stderr, flush=True)
-    for method in methods():
-        if method.swept and len(use) >= method.least_lights:
-            parts = errors.by_band(method.fit(near).predict(trial.held_out), trial)
-            for setting, value in parts.items():
-                values = {"relative_error": value}
-                rows.append(Row(fabric, "extrapolation", setting, method.name, method.family, len(use), values))
-    return rows
+def _predict(method: Method, trial: Trial) -> Samples:
+    return method.fit(trial).predict(trial.held_out)

@@ -67,9 +67,19 @@ def verdict(rows: list[Row]) -> list[str]:
             f" samples once; {better} of {len(whole) - 1} other methods are more accurate."
         )
         if worse:
-            names = ", ".join(other.method for other in worse)
-            place += f" It is not on the front: {names} cost no more, are as accurate, and better in something."
+            names = ", ".join(f"{other.method} ({_how_far(other, row, measure)})" for other in worse)
+            place += f" It is not on the front: {names}: as accurate, no dearer, and better in something."
         else:
             place += " It is on the front: none that is as accurate is as fast and as small."
         sentences.append(place)
     return sentences
+
+
+def _how_far(other: Row, row: Row, measure: str) -> str:
+    """How a row compares with one that it beats, in factors."""
+    parts = (
+        ("error", error(other, measure) / error(row, measure)),
+        ("time", other["microseconds"] / row["microseconds"]),
+        ("bytes", other["bytes"] / row["bytes"]),
+    )
+    return ", ".join(f"{factor:.2g} of its {name}" for name, factor in parts)

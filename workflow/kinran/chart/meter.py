@@ -1,5 +1,6 @@
 """What a method costs: processor time, memory, and the floor that reading the samples once sets."""
 
+import ctypes
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,10 +18,11 @@ REPEAT_UNDER = 0.5
 
 @dataclass(frozen=True)
 class Cost:
-    """Seconds of processor time, and MiB of memory above what was held before; -1 where it cannot be told."""
+    """Seconds of processor time, MiB of memory above what was held before (-1: cannot be told), and of the process."""
 
     seconds: float
     memory: float
+    peak: float
 
 
 def measure(work: Callable[[], R]) -> tuple[R, Cost]:
@@ -29,12 +31,13 @@ def measure(work: Callable[[], R]) -> tuple[R, Cost]:
     start = time.process_time()
     result = work()
     seconds = time.process_time() - start
-    memory = max(_resident("VmHWM") - before, 0.0) if before >= 0 else -1.0
+    peak = _resident("VmHWM")
+    memory = max(peak - before, 0.0) if before >= 0 else -1.0
     for _ in range(2 if seconds < REPEAT_UNDER else 0):
         start = time.process_time()
         work()
         seconds = min(seconds, time.process_time() - start)
-    return result, Cost(seconds, memory)
+    return result, Cost(seconds, memory, peak)
 
 
 def bandwidth(megabytes: int = 256) -> float:
@@ -50,6 +53,10 @@ def bandwidth(megabytes: int = 256) -> float:
 
 def _reset_peak() -> bool:
     """Let the peak of resident memory start from now; False where the kernel has no such thing."""
+    try:
+        ctypes.CDLL(None).malloc_trim(0)  # what was freed before must not be had for nothing
+    except (AttributeError, OSError, TypeError):  # no glibc
+        return False
     try:
         (PROC / "clear_refs").write_text("5")
     except OSError:

@@ -20,6 +20,10 @@ MEASURES = (
     "microseconds",
     "bytes",
     "memory_mb",
+    "peak_mb",
+    "aic",
+    "bic",
+    "accuracy",
 )
 KEYS = ("fabric", "experiment", "setting", "method", "family", "lights")
 
@@ -31,11 +35,12 @@ class Row:
     Attributes
     ----------
     experiment
-        ``all`` (every training light), ``directions``, ``exposures``, ``theta``, ``extrapolation``, ``region``;
-        ``floor`` holds the time that reading the samples once takes.
+        ``all`` (every training light), ``directions``, ``exposures``, ``theta``, ``ring``, ``extrapolation``,
+        ``region``; ``floor`` holds the time that reading the samples once takes, ``segmentation`` how many labels
+        are right.
     setting
-        Number of directions or exposures, band of θ, name of the region; empty for ``all``; of the floor the
-        measure that the front goes by.
+        Number of directions or exposures, band of θ, name of the region, which texels; empty for ``all``; of the
+        floor the measure that the front goes by.
     family
         ``baseline``, ``paper``, ``kinran``, or ``default`` for the material that the pipeline wrote.
     lights
@@ -84,7 +89,7 @@ def read(path: Path) -> list[Row]:
                     line["method"],
                     line["family"],
                     int(line["lights"]),
-                    {name: float(line[name]) for name in MEASURES if line[name]},
+                    {name: float(line[name]) for name in MEASURES if line.get(name)},
                 )
                 for line in csv.DictReader(file)
             ]

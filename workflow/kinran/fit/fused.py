@@ -17,9 +17,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from kinran.fit.linear import RIDGE, cholesky_solve, invert, nonnegative, nonnegative2
-from kinran.fit.lobes import DIFFUSE_SIZE, LOBE_SIZE, confine
-from kinran.fit.rows import diffuse_rows, dot, gram, lobe_derivatives, lobe_values, remainder, scaled, take
-from kinran.fit.start import highlight, wider
+from kinran.fit.lobes import DIFFUSE_SIZE, GGX, LOBE_SIZE, confine
+from kinran.fit.rows import along, diffuse_rows, gram, lobe_products, lobe_rows, remainder, take
+from kinran.fit.start import highlight, pair
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -27,6 +27,8 @@ f4 = np.float32
 
 DAMPING_START, DAMPING_DOWN, DAMPING_UP = 5e-2, 0.5, 4.0
 TRIES = 6
+SINGULAR = 1e-9
+"""Share of the product of its diagonal under which the determinant of a matrix is noise."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -54,21 +56,13 @@ def evaluate(
     M: Array,
 ) -> None:
     """Products M of all rows for shapes p, with the residual of the colours C (columns, channels)."""
-    shapes, _, channels, first_rest, _ = layout(lobes, bent)
-    first_value = shapes
-    diffuse_column = shapes + lobes
+    shapes, columns, channels, first_rest, _ = layout(lobes, bent)
     for k in range(lobes):
-        at = LOBE_SIZE * k
-        lobe_values(tail, p[at : at + LOBE_SIZE], S, root, R[first_value + k], scale)
-        lobe_derivatives(p[at : at + LOBE_SIZE], S, scale, R[at : at + LOBE_SIZE])
+        lobe_rows(tail, p, LOBE_SIZE * k, S, root, scale, R, shapes + k)
     if bent:
-        at = LOBE_SIZE * lobes
-        diffuse_rows(p[at], p[at + 1], L, root, R[at : at + DIFFUSE_SIZE], R[diffuse_column])
+        diffuse_rows(p, LOBE_SIZE * lobes, L, root, R, shapes + lobes)
     for c in range(channels):
-        rest = R[first_rest + c]
-        remainder(Y[c], R[first_value], R[diffuse_column], C[0, c], C[lobes, c], rest)
-        if lobes == 2:
-            remainder(rest, R[first_value + 1], R[first_value + 1], C[1, c], 0.0, rest)
+        remainder(Y, c, R, shapes, columns, C, first_rest + c)
     gram(R, M)
 
 
@@ -76,27 +70,36 @@ def evaluate(
 def colours(lobes: int, bent: bool, M: Array, C: Array, out: Array, work: Array) -> float:
     """Best colours `out` for the shapes of M, whose residual is that of C; returns the cost."""
     shapes, columns, channels, first_rest, _ = layout(lobes, bent)
-    first_value = shapes
-    A, b, x, scratch = work[:columns], work[columns], work[columns + 1], work[columns + 2 :]
+    A, inverse, b, x, scratch = work[:3], work[3:6], work[6], work[7], work[8:]
+    largest = 1.0
     for a in range(columns):
         for k in range(a + 1):
-            A[a, k] = A[k, a] = M[first_value + a, first_value + k]
+            A[a, k] = A[k, a] = M[shapes + a, shapes + k]
+        largest *= A[a, a]
+    clear = False
+    if columns == 3:
+        clear = invert(A, columns, inverse) > SINGULAR * largest
     cost = 0.0
     for c in range(channels):
-        rest = M[first_rest + c]
+        rest = first_rest + c
         for a in range(columns):
-            b[a] = rest[first_value + a]
+            b[a] = M[rest, shapes + a]
             for k in range(columns):
                 b[a] += A[a, k] * C[k, c]
-        if lobes == 1:
+        if columns == 2:
             nonnegative2(A, b, x)
         else:
-            nonnegative(A, b, columns, x, scratch)
-        cost += rest[first_rest + c]
+            positive = clear
+            for a in range(columns):
+                x[a] = inverse[a, 0] * b[0] + inverse[a, 1] * b[1] + inverse[a, 2] * b[2]
+                positive &= x[a] >= 0.0
+            if not positive:
+                nonnegative(A, b, columns, x, scratch)
+        cost += M[rest, rest]
         for a in range(columns):
             out[a, c] = x[a]
             step = x[a] - C[a, c]
-            cost -= 2.0 * step * rest[first_value + a]
+            cost -= 2.0 * step * M[rest, shapes + a]
             for k in range(columns):
                 cost += step * A[a, k] * (x[k] - C[k, c])
     return max(cost, 0.0)
@@ -154,25 +157,6 @@ def penalty(p: Array, centre: Array, stiffness: Array) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def final(
-    tail: int, p: Array, S: Single, L: Single, root: Single, Y: Single, R: Single, scale: Single, C: Array, work: Array
-) -> float:
-    """Colours of the three channels for fixed shapes; returns the cost."""
-    first_value, diffuse_column, columns = LOBE_SIZE, LOBE_SIZE + 1, 2
-    g, m = R[first_value], R[diffuse_column]
-    lobe_values(tail, p[:LOBE_SIZE], S, root, g, scale)
-    A, b, x = work[:columns], work[columns], work[columns + 1]
-    A[0, 0], A[1, 1] = dot(g, g), dot(m, m)
-    A[0, 1] = A[1, 0] = dot(g, m)
-    cost = 0.0
-    for c in range(3):
-        b[0], b[1] = dot(g, Y[c]), dot(m, Y[c])
-        cost += dot(Y[c], Y[c]) + nonnegative2(A, b, x)
-        C[0, c], C[1, c] = x[0], x[1]
-    return max(cost, 0.0)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def descend(
     tail: int,
     lobes: int,
@@ -195,12 +179,12 @@ def descend(
     small: Array,
 ) -> float:
     """Levenberg-Marquardt from the shapes p (in place); colours into C, the cost without the prior returned."""
-    shapes, columns, channels, _, _ = layout(lobes, bent)
+    shapes = layout(lobes, bent)[0]
     M, M_new = big[0], big[1]
-    H, damped, F = big[2, :shapes, :shapes], big[3, :shapes, :shapes], big[4, :shapes, :shapes]
-    g, step, trial = small[0, :shapes], small[1, :shapes], small[2, : p.size]
-    work = big[5, :, :columns]
-    before, new = big[6, :columns, :channels], big[7, :columns, :channels]
+    H, damped, F = big[2], big[3], big[4]
+    g, step, trial = small[0], small[1], small[2, : p.size]
+    work = big[5]
+    before, new = big[6, :3, :3], big[7, :3, :3]
     before[:] = 0.0
     confine(p, lobes, narrow, wide)
     evaluate(tail, lobes, bent, p, before, S, L, root, Y, scale, R, M)
@@ -209,15 +193,17 @@ def descend(
     damping = DAMPING_START
     for _ in range(iterations):
         normal_equations(lobes, bent, M, before, C, H, g, work)
+        largest = 0.0
         for k in range(shapes):
             H[k, k] += stiffness[k]
+            largest = max(largest, H[k, k])
             g[k] -= stiffness[k] * (p[k] - centre[k])
         accepted, gain = False, 0.0
         for _try in range(TRIES):
             for k in range(shapes):
                 for j in range(shapes):
                     damped[k, j] = H[k, j]
-                damped[k, k] = H[k, k] * (1.0 + damping) + 1e-12 * (1.0 + H[k, k])
+                damped[k, k] = H[k, k] * (1.0 + damping) + 1e-12 * largest
             if cholesky_solve(damped, g, shapes, F, step):
                 trial[:] = p
                 for k in range(shapes):
@@ -245,6 +231,53 @@ def descend(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def lone(
+    tail: int,
+    p: Array,
+    tint: Array,
+    C: Array,
+    S: Single,
+    L: Single,
+    root: Single,
+    Y: Single,
+    one: Single,
+    R: Single,
+    scale: Single,
+    narrow: float,
+    wide: float,
+    centre: Array,
+    stiffness: Array,
+    iterations: int,
+    tolerance: float,
+    big: Array,
+    small: Array,
+) -> None:
+    """`descend` of one lobe over an untilted diffuse term, by the data along `tint`."""
+    norm = math.sqrt(tint[0] ** 2 + tint[1] ** 2 + tint[2] ** 2)
+    for c in range(3):
+        tint[c] = tint[c] / norm if norm > 0.0 else math.sqrt(1.0 / 3.0)
+    along(Y, tint, one)
+    for i in range(root.size):
+        R[LOBE_SIZE + 1, i] = L[2, i] * root[i]
+    descend(
+        tail, 1, False, p, C, S, L, root, one, R, scale, narrow, wide, centre, stiffness, iterations, tolerance,
+        big, small,
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def colour_lone(tail: int, p: Array, C: Array, S: Single, root: Single, Y: Single, m: Single, work: Array) -> float:
+    """Colours C (2, 3) of the three channels for a shape and the diffuse row m; returns the cost."""
+    A, B, b, x = work[:2], work[2:4], work[4], work[5]
+    cost = lobe_products(tail, p, S, root, m, Y, A, B)
+    for c in range(3):
+        b[0], b[1] = B[0, c], B[1, c]
+        cost += nonnegative2(A, b, x)
+        C[0, c], C[1, c] = x[0], x[1]
+    return max(cost, 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def fit_block(
     tail: int,
     lobes: int,
@@ -259,6 +292,7 @@ def fit_block(
     centre: Array,
     stiffness: Array,
     iterations: int,
+    scouts: int,
     tolerance: float,
     warm: bool,
     P: Array,
@@ -271,95 +305,60 @@ def fit_block(
     ----------
     T, W : (texel, 3, light), (texel, light)
         Samples and weights; 0 leaves a sample out, as does NaN or infinity.
-    S, L, solid : (2, light), (3, light), (light,)
-        Half-vector slopes, directions, and the solid angle that a light stands for.
+    S, L, solid : (2, row), (3, row), (row,)
+        Half-vector slopes, directions, and the solid angle that a light stands for; zeros beyond the last light.
     narrow : (texel,)
         Smallest width of a lobe; `wide` is the largest.
     centre, stiffness : (texel, K)
         Prior: F + Σ ρ_k (p_k - p̄_k)².
+    iterations, scouts
+        At most; the scouts are those of the lone GGX lobe that two lobes start from.
     warm
         Whether the shapes P are the start.
     P, C, F
         Results: shapes (texel, K), colours (texel, columns, 3), weighted squared residual (texel,).
     """
-    shapes, columns, channels, _, rows = layout(lobes, bent)
-    diffuse_column = shapes + lobes
-    n = W.shape[1]
-    root, y, scale, Y, R = (
-        np.empty(n, f4),
-        np.empty(n, f4),
-        np.empty(n, f4),
-        np.empty((3, n), f4),
-        np.zeros((rows, n), f4),
+    shapes, columns, _, _, rows = layout(lobes, bent)
+    n = S.shape[1]
+    root, y, scale, Y, one = (
+        np.zeros(n, f4),
+        np.zeros(n, f4),
+        np.zeros(n, f4),
+        np.zeros((3, n), f4),
+        np.zeros((1, n), f4),
     )
-    side = max(rows, 2 * columns + 1 + shapes, 3 * columns + 6)
+    R, R1 = np.zeros((rows, n), f4), np.zeros((layout(1, False)[4], n), f4)
+    side = max(rows, 20)
     big, small = np.zeros((8, side, side)), np.zeros((3, side))
-    best, one, zero = np.zeros((columns, channels)), np.zeros((1, n), f4), np.zeros(n, f4)
-    p = np.zeros(LOBE_SIZE * lobes + DIFFUSE_SIZE)
-    tint, work = np.zeros(3), np.zeros((2 * columns + 3 + columns, columns))
+    size = LOBE_SIZE * lobes + DIFFUSE_SIZE
+    p, first, tint, free = np.zeros(size), np.zeros(size), np.zeros(3), np.zeros(size)
+    best = np.zeros((3, 3))
+    plain = lobes == 1 and not bent
     for t in range(len(T)):
-        take(T[t], W[t], root, Y, y)
-        if not bent:
-            scaled(L[2], root, R[diffuse_column])
-        if warm:
-            p[:] = P[t]
+        take(T, W, t, root, Y, y)
+        if plain or not warm:
+            first[:] = 0.0
+            highlight(GGX if lobes == 2 else tail, y, S, L, solid, root, Y, first, tint)
+        if lobes == 2 and not warm:
+            lone(
+                GGX, first, tint, best, S, L, root, Y, one, R1, scale, narrow[t], wide, free, free, scouts, tolerance,
+                big, small,
+            )  # fmt: skip
+            pair(first)
+        p[:] = P[t] if warm else first
+        if plain:
+            lone(
+                tail, p, tint, best, S, L, root, Y, one, R, scale, narrow[t], wide, centre[t], stiffness[t],
+                iterations, tolerance, big, small,
+            )  # fmt: skip
+            F[t] = colour_lone(tail, p, C[t], S, root, Y, R[LOBE_SIZE + 1], big[0])
         else:
-            p[:] = 0.0
-            highlight(tail, y, S, L[2], root, solid, Y, p, tint)
-            if lobes == 2:
-                wider(p)
-        if channels == 1:
-            norm = math.sqrt(tint[0] ** 2 + tint[1] ** 2 + tint[2] ** 2)
-            if norm > 0.0:
-                tint /= -norm
-            else:
-                tint[:] = -1.0 / math.sqrt(3.0)
-            remainder(zero, Y[0], Y[1], tint[0], tint[1], one[0])
-            remainder(one[0], Y[2], Y[2], tint[2], 0.0, one[0])
+            if not bent:
+                for i in range(n):
+                    R[shapes + lobes, i] = L[2, i] * root[i]
             F[t] = descend(
-                tail,
-                lobes,
-                bent,
-                p,
-                best,
-                S,
-                L,
-                root,
-                one,
-                R,
-                scale,
-                narrow[t],
-                wide,
-                centre[t],
-                stiffness[t],
-                iterations,
-                tolerance,
-                big,
-                small,
-            )
-        else:
-            F[t] = descend(
-                tail,
-                lobes,
-                bent,
-                p,
-                best,
-                S,
-                L,
-                root,
-                Y,
-                R,
-                scale,
-                narrow[t],
-                wide,
-                centre[t],
-                stiffness[t],
-                iterations,
-                tolerance,
-                big,
-                small,
-            )
-            C[t] = best
+                tail, lobes, bent, p, best, S, L, root, Y, R, scale, narrow[t], wide, centre[t], stiffness[t],
+                iterations, tolerance, big, small,
+            )  # fmt: skip
+            C[t] = best[:columns]
         P[t] = p
-        if channels == 1:
-            F[t] = final(tail, p, S, L, root, Y, R, scale, C[t], work)

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from kinran.files import InputError, sha256, write_json
-from kinran.fit.tile import MODELS, add_lobes
+from kinran.fit.choice import add_lobes
+from kinran.fit.fitted import fitted_labels
+from kinran.fit.tile import MODELS
 from kinran.labels import read_labels, read_regions
-from kinran.needed import needed_labels
 from kinran.stack import Stack
 from kinran_bsdf.material import Material, write_material
 from kinran_bsdf.models import clamp
@@ -37,8 +38,7 @@ def main(args: argparse.Namespace) -> None:
     """Write the material and a summary of what it cost."""
     stack = Stack.open(args.stack)
     labels = read_labels(args.labels)
-    if args.need:
-        args.fitted = needed_labels(args.need, labels)
+    args.fitted = fitted_labels(args, labels)
     maps: dict[str, Map] = {}
     covered = np.zeros(labels.shape, bool)
     totals = {"cpu_seconds": 0.0, "read_seconds": 0.0}

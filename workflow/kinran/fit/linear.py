@@ -89,13 +89,13 @@ def nonnegative2(A: Array, b: Array, x: Array) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def invert(A: Array, n: int, out: Array) -> None:
-    """Inverse of a symmetric matrix of two or three rows, by its cofactors."""
+def invert(A: Array, n: int, out: Array) -> float:
+    """Inverse of a symmetric matrix of two or three rows, by its cofactors; returns its determinant."""
     if n == 2:
         determinant = A[0, 0] * A[1, 1] - A[0, 1] * A[0, 1]
         out[0, 0], out[1, 1] = A[1, 1] / determinant, A[0, 0] / determinant
         out[0, 1] = out[1, 0] = -A[0, 1] / determinant
-        return
+        return determinant
     for i in range(3):
         for j in range(3):
             r, s, c, e = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
@@ -104,3 +104,4 @@ def invert(A: Array, n: int, out: Array) -> None:
     for i in range(3):
         for j in range(3):
             out[i, j] /= determinant
+    return determinant

@@ -97,3 +97,9 @@ def squared_widths(p: Array) -> tuple[Array, Array, Array]:
     # A = Uᵀ U with U = [[e^α, β], [0, e^γ]], so S = U⁻¹ U⁻ᵀ
     i00, i01, i11 = 1 / ea, -b / (ea * ec), 1 / ec
     return i00**2 + i01**2, i01 * i11, i11**2
+
+
+def narrowest(p: Array) -> Array:
+    """Smallest width (...) of lobes (..., 5), 1/e along their axes."""
+    xx, xy, yy = squared_widths(p)
+    return np.sqrt(np.maximum(0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy), 0))

@@ -11,9 +11,14 @@ from kinran_bsdf import models
 Samples = NDArray[np.float32]
 
 
-def predict(fitted: SlopeFit, lights: NDArray[np.float64], tail: str = "ggx") -> Samples:
-    """T (texel, 3, light) of a fit under lights (light, 3), in the unit of its samples, by the plugin's models."""
-    s = frames.slopes(lights).astype(np.float32)
+def predict(
+    fitted: SlopeFit, lights: NDArray[np.float64], tail: str = "ggx", slopes: NDArray[np.float64] | None = None
+) -> Samples:
+    """T (texel, 3, light) of a fit under lights (light, 3), in the unit of its samples, by the plugin's models.
+
+    `slopes` (light, 2) are those of the half vectors where the view is not N.
+    """
+    s = (frames.slopes(lights) if slopes is None else slopes).astype(np.float32)
     colours = fitted.colours.astype(np.float32)
     bx, by = (fitted.shapes[:, k, None].astype(np.float32) for k in (-DIFFUSE_SIZE, 1 - DIFFUSE_SIZE))
     cosine = models.diffuse(tuple(lights.T.astype(np.float32)), bx, by)

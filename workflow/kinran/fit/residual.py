@@ -4,33 +4,41 @@ import argparse
 import resource
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import Delaunay, QhullError
 
-from kinran import metrics
+from kinran import metrics, near
 from kinran.files import read_json, write_json
 from kinran.fit import samples, slope
+from kinran.fit.plates import plates
 from kinran.fit.predict import predict
+from kinran.frames import slopes
 from kinran.labels import read_labels
 from kinran.stack import Stack
 from kinran_bsdf.material import Material, read_material, write_material
-from kinran_bsdf.models import relight
-from kinran_bsdf.residual import Residual, compress, kernel_matrix, spline
+from kinran_bsdf.residual import Residual, compress, kernel_matrix
 
 Array = NDArray[np.float64]
 Values = NDArray[np.float32]
 
-FOLDS, FEW_FOLDS, MANY_LIGHTS = 10, 4, 256
-SAMPLE = 2048
+FOLDS, FEW_FOLDS, MANY_LIGHTS = 8, 4, 256
+SAMPLE = 1024
 """Texels that the choice is made on."""
 LEAST_GAIN_DB = 0.3
 """What a residual has to gain in cross-validation to be worth its bytes."""
+SURE = 2.0
 COMPONENTS = (4, 9, 16)
-SMOOTHING = (1e-3, 1e-2, 1e-1)
-SHARES = (1.0, 0.5, 0.0)
+SMOOTHING = (1e-3, 1e-2, 3e-2)
+SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
+
+Key = tuple[float, int, float]
+"""Share of the lobes, components, smoothing."""
+ALONE: Key = (1.0, 0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -67,12 +75,12 @@ def main(args: argparse.Namespace) -> None:
     choice = choose(stack, read_labels(args.labels), args.prior, domain, shape, args.threads)
     summary = read_json(args.fitted)
     if choice.components:
-        basis, weights = _components(stack, material, lights, domain, choice)
+        basis = _components(stack, material, lights, domain, choice)
         maps = _maps(stack, material, lights, domain, choice.share, basis)
         channels = dict(material.channels)
         for k, plane in enumerate(maps):
             channels.update({f"residual{k}.{c}": np.ascontiguousarray(plane[..., i]) for i, c in enumerate("RGB")})
-        residual = Residual(domain, choice.share, lights[:, :2], weights)
+        residual = Residual(domain, choice.share, *plates(lights, basis, choice.smoothing))
         material = replace(material, channels=channels, residual=residual)
     write_material(args.out, material)
     seconds = summary["cpu_seconds"] + time.process_time() - start
@@ -111,40 +119,102 @@ def _peak(stack: Stack) -> float:
 def choose(
     stack: Stack, labels: NDArray[np.intp], prior: Path, domain: str, shape: tuple[str, int], threads: int
 ) -> Choice:
-    """Share, components and smoothing with the best mean PSNR over lights left out, fold by fold.
-
-    Only training lights take part; lobes of `shape` (tail and number) are fitted anew in each fold.
-    """
-    tail, count = shape
+    """Share, components and smoothing, by a sample of the texels under the training lights."""
     T, W, region = _sample(stack, labels)
     lights = samples.training_directions(stack)
-    priors = slope.read_priors(prior)
+    return cross_validate(T, W, lights, slope.read_priors(prior), region, domain, shape, threads)
+
+
+def cross_validate(
+    T: Values,
+    W: Values,
+    lights: Array,
+    priors: list[slope.Prior],
+    region: NDArray[np.intp],
+    domain: str,
+    shape: tuple[str, int],
+    threads: int = 1,
+) -> Choice:
+    """Share, components and smoothing by lights left out: see `pick`.
+
+    Lobes of `shape` (tail and number) are fitted anew in each fold. Lights that are outside of those they are predicted
+    from do not count: that is extrapolation, which punishes what is right inside.
+
+    Parameters
+    ----------
+    T : (texel, 3, light) float32
+    W : (texel, light) float32
+    lights : (light, 3) float
+    priors, region
+        As of `slope.fit`.
+    domain
+        As of `kinran_bsdf.residual.Residual`.
+    """
     shown = compress(T, domain).transpose(2, 0, 1).reshape(len(lights), -1)
     usable = np.repeat((W > 0).T, 3, axis=1).astype(np.float32)
-    fold = np.random.default_rng(0).permutation(len(lights)) % (FOLDS if len(lights) <= MANY_LIGHTS else FEW_FOLDS)
-    scores: dict[tuple[float, int, float], list[float]] = {}
+    fold = deal(lights, FOLDS if len(lights) <= MANY_LIGHTS else FEW_FOLDS)
+    inner = np.zeros(len(lights), bool)
+    scores: dict[Key, Array] = {}
     for k in range(fold.max() + 1):
         train, test = fold != k, fold == k
-        fitted = slope.fit(
-            np.ascontiguousarray(T[..., train]),
-            np.ascontiguousarray(W[:, train]),
-            lights[train],
-            tail,
-            count,
-            priors=priors,
-            region=region,
-            threads=threads,
-        )
-        lobes = compress(predict(fitted, lights, tail), domain).transpose(2, 0, 1).reshape(len(lights), -1)
+        part = np.ascontiguousarray(T[..., train]), np.ascontiguousarray(W[:, train])
+        fitted = slope.fit(*part, lights[train], *shape, priors=priors, region=region, threads=threads)
+        lobes = compress(predict(fitted, lights, shape[0]), domain).transpose(2, 0, 1).reshape(len(lights), -1)
+        inner[test] = surrounded(lights[test], lights[train])
         for key, predicted in _candidates(shown, lobes, lights, domain, train, test):
             errors = [_psnr(p, g, u) for p, g, u in zip(predicted, shown[test], usable[test], strict=True)]
-            scores.setdefault(key, []).extend(errors)
-    means = {key: float(np.mean(values)) for key, values in scores.items()}
-    alone = means[(1.0, 0, 0.0)]
-    best = max(means, key=lambda key: means[key])
-    if means[best] < alone + LEAST_GAIN_DB:
-        best = (1.0, 0, 0.0)
-    return Choice(*best, psnr=means[best], lobes_psnr=alone)
+            scores.setdefault(key, np.zeros(len(lights)))[test] = errors
+    counted = inner if inner.sum() > len(lights) / 4 else np.ones(len(lights), bool)
+    return pick({key: values[counted] for key, values in scores.items()})
+
+
+def pick(scores: dict[Key, Array]) -> Choice:
+    """The candidate with the largest share of the lobes than which none is surely better, by pairs of lights.
+
+    Surely: by `SURE` standard errors, since few lights decide [after the rule of one standard error, Breiman1984].
+    The lobes alone where a residual does not gain `LEAST_GAIN_DB`, or not surely.
+
+    Parameters
+    ----------
+    scores
+        PSNR (light,) of each light left out, by candidate; among them `ALONE`.
+    """
+    means = {key: float(values.mean()) for key, values in scores.items()}
+
+    def better(one: Key, other: Key) -> bool:
+        gain = scores[one] - scores[other]
+        return bool(gain.mean() > SURE * gain.std() / np.sqrt(max(len(gain) - 1, 1)))
+
+    order = sorted(means, key=lambda key: -means[key])
+    shares = sorted({key[0] for key in means}, reverse=True)
+    best_of = [next(key for key in order if key[0] == share and key != ALONE) for share in shares]
+    chosen = next(key for key in best_of if not better(order[0], key))
+    if means[chosen] < means[ALONE] + LEAST_GAIN_DB or not better(chosen, ALONE):
+        chosen = ALONE
+    return Choice(*chosen, psnr=means[chosen], lobes_psnr=means[ALONE])
+
+
+def deal(lights: Array, folds: int) -> NDArray[np.intp]:
+    """Fold of each light: neighbours go to different ones, so that what is left out lies between what is not."""
+    s = slopes(lights)
+    left = np.arange(len(s))
+    fold, rim = np.zeros(len(s), np.intp), np.linalg.norm(s - s.mean(0), axis=1)
+    turn = 0
+    while len(left):
+        first = left[rim[left].argmax()]
+        near = left[np.argsort(np.linalg.norm(s[left] - s[first], axis=1), kind="stable")[:folds]]
+        fold[near] = (np.arange(len(near)) + turn) % folds
+        left = np.setdiff1d(left, near)
+        turn += 1
+    return fold
+
+
+def surrounded(these: Array, others: Array) -> NDArray[np.bool_]:
+    """Whether each of these lights (m, 3) is inside the hull of the others, in (l_x, l_y)."""
+    try:
+        return np.asarray(Delaunay(others[:, :2]).find_simplex(these[:, :2]) >= 0)
+    except (QhullError, ValueError):  # fewer than three lights, or all on a line
+        return np.zeros(len(these), bool)
 
 
 def _sample(stack: Stack, labels: NDArray[np.intp]) -> tuple[Values, Values, NDArray[np.intp]]:
@@ -162,23 +232,24 @@ def _sample(stack: Stack, labels: NDArray[np.intp]) -> tuple[Values, Values, NDA
 
 def _candidates(
     shown: Values, lobes: Values, lights: Array, domain: str, train: NDArray[np.bool_], test: NDArray[np.bool_]
-) -> "list[tuple[tuple[float, int, float], Values]]":
+) -> Iterator[tuple[Key, Values]]:
     """Predictions (test light, value) of the lobes alone and of every kind of residual."""
-    results: list[tuple[tuple[float, int, float], Values]] = [((1.0, 0, 0.0), lobes[test])]
-    kernels = kernel_matrix(lights[test, :2], lights[train, :2])
-    steps = {smoothing: kernels @ spline(lights[train], np.eye(train.sum()), smoothing) for smoothing in SMOOTHING}
+    yield ALONE, lobes[test]
+    steps = {}
+    for smoothing in SMOOTHING:
+        nodes, weights = plates(lights[train], np.eye(train.sum()), smoothing)
+        steps[smoothing] = kernel_matrix(lights[test, :2], nodes) @ weights
     for share in SHARES:
         left = remainder(shown[train], lobes[train], domain, share)
         mean = left.mean(0)
         basis = principal(left - mean, max(COMPONENTS))
-        components = basis.T @ (left - mean)
-        for smoothing in SMOOTHING:
-            factors = steps[smoothing] @ basis
+        components = (basis.T @ (left - mean)).astype(np.float32)
+        known = np.float32(share) * lobes[test] + mean
+        for smoothing, step in steps.items():
+            factors = (step @ basis).astype(np.float32)
             for count in COMPONENTS:
                 if count < train.sum():
-                    predicted = share * lobes[test] + mean + factors[:, :count] @ components[:count]
-                    results.append(((share, count, smoothing), predicted.astype(np.float32)))
-    return results
+                    yield (share, count, smoothing), known + factors[:, :count] @ components[:count]
 
 
 def remainder(shown: Values, lobes: Values, domain: str, share: float) -> Values:
@@ -201,22 +272,20 @@ def _psnr(predicted: Values, truth: Values, usable: Values) -> float:
 def _tile(stack: Stack, material: Material, lights: Array, domain: str, share: float, box: samples.Box) -> Values:
     """Remainder (light, texel · 3) of one tile."""
     tile = samples.read(stack, box)
-    y0, y1, x0, x1 = box
-    lobes = relight(material.part(slice(y0, y1), slice(x0, x1)), lights)
+    lobes = near.relight(material, stack, box, samples.training_lights(stack))
     shown = compress(np.nan_to_num(tile.T), domain).transpose(2, 0, 1).reshape(len(lights), -1)
     return remainder(shown, compress(lobes.reshape(len(lights), -1), domain), domain, share)
 
 
-def _components(stack: Stack, material: Material, lights: Array, domain: str, choice: Choice) -> tuple[Array, Array]:
-    """Factors (light, count) of the components and their spline, from the Gram matrix of all tiles."""
+def _components(stack: Stack, material: Material, lights: Array, domain: str, choice: Choice) -> Array:
+    """Factors (light, count) of the components, from the Gram matrix of all tiles."""
     gram = np.zeros((len(lights), len(lights)))
     for box in stack.tiles():
         left = _tile(stack, material, lights, domain, choice.share, box)
         left = left - left.mean(0)
         gram += left @ left.T
     values, vectors = np.linalg.eigh(gram)
-    basis = vectors[:, np.argsort(values)[::-1][: choice.components]]
-    return basis, spline(lights, basis, choice.smoothing)
+    return np.asarray(vectors[:, np.argsort(values)[::-1][: choice.components]])
 
 
 def _maps(stack: Stack, material: Material, lights: Array, domain: str, share: float, basis: Array) -> Values:

@@ -15,6 +15,10 @@ f4 = np.float32
 FINITE = {"reassoc", "contract", "nsz", "arcp"}
 """Fast arithmetic that still knows NaN and infinity."""
 LARGEST = f4(3e38)
+FAR = f4(25.0)
+"""Squared distance from a Gaussian lobe at which there is nothing of it."""
+LANES = 32
+"""Rows are as long as a multiple of this, so that loops over them leave no rest; what is too long is 0."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
@@ -32,7 +36,8 @@ def exponential(x: f4) -> f4:
 def profile(tail: int, q: f4) -> tuple[f4, f4]:
     """G(q) of a tail and -dG/dq."""
     if tail == GAUSSIAN:
-        g = exponential(-q)
+        # products of what is smaller would be denormal, which processors multiply a hundred times slower
+        g = exponential(-q) if q < FAR else f4(0.0)
         return g, g
     r = f4(1.0) / (f4(1.0) + q)
     g = r * r
@@ -71,85 +76,95 @@ def gram(R: Single, M: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def lobe_values(tail: int, p: Array, S: Single, root: Single, g: Single, scale: Single) -> None:
-    """Weighted values g of a lobe, and twice its weighted -dG/dq."""
-    mx, my, ea, b, ec = f4(p[0]), f4(p[1]), f4(math.exp(p[2])), f4(p[3]), f4(math.exp(p[4]))
-    sx, sy = S[0], S[1]
+def lobe_rows(tail: int, p: Array, at: int, S: Single, root: Single, scale: Single, R: Single, value: int) -> None:
+    """Weighted values of the lobe p[at : at + 5] into the row `value` of R, its derivatives into rows `at` and on."""
+    mx, my, ea, b, ec = f4(p[at]), f4(p[at + 1]), f4(math.exp(p[at + 2])), f4(p[at + 3]), f4(math.exp(p[at + 4]))
+    # loops of few rows: those the compiler can tell apart and vectorise
     for i in range(root.size):
-        dy = sy[i] - my
-        u, v = ea * (sx[i] - mx) + b * dy, ec * dy
-        value, steepness = profile(tail, u * u + v * v)
-        g[i] = value * root[i]
+        dy = S[1, i] - my
+        u, v = ea * (S[0, i] - mx) + b * dy, ec * dy
+        g, steepness = profile(tail, u * u + v * v)
+        R[value, i] = g * root[i]
         scale[i] = f4(2.0) * steepness * root[i]
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def lobe_derivatives(p: Array, S: Single, scale: Single, D: Single) -> None:
-    """Weighted derivatives D (5, light) of a lobe by its shape."""
-    # loops of few arrays: those the compiler can tell apart and vectorise
-    mx, my, ea, b, ec = f4(p[0]), f4(p[1]), f4(math.exp(p[2])), f4(p[3]), f4(math.exp(p[4]))
-    sx, sy = S[0], S[1]
-    d0, d1, d2, d3, d4 = D[0], D[1], D[2], D[3], D[4]
-    for i in range(scale.size):
-        dy = sy[i] - my
-        u = scale[i] * (ea * (sx[i] - mx) + b * dy)
-        d0[i], d1[i] = u * ea, u * b + scale[i] * ec * ec * dy
-    for i in range(scale.size):
-        dx, dy = sx[i] - mx, sy[i] - my
+    for i in range(root.size):
+        dy = S[1, i] - my
+        u = scale[i] * (ea * (S[0, i] - mx) + b * dy)
+        R[at, i], R[at + 1, i] = u * ea, u * b + scale[i] * ec * ec * dy
+    for i in range(root.size):
+        dx, dy = S[0, i] - mx, S[1, i] - my
         u = scale[i] * (ea * dx + b * dy)
-        d2[i], d3[i] = -u * ea * dx, -u * dy
-    for i in range(scale.size):
-        v = ec * (sy[i] - my)
-        d4[i] = -scale[i] * v * v
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def diffuse_rows(x: float, y: float, L: Single, root: Single, D: Single, m: Single) -> None:
-    """Rows of the diffuse term: its derivatives D (2, light) by the slopes of its normal and its values."""
-    nx, ny, lx, ly, lz, dx, dy = f4(x), f4(y), L[0], L[1], L[2], D[0], D[1]
+        R[at + 2, i], R[at + 3, i] = -u * ea * dx, -u * dy
     for i in range(root.size):
-        m[i] = max(lz[i] + nx * lx[i] + ny * ly[i], f4(0.0)) * root[i]
+        v = ec * (S[1, i] - my)
+        R[at + 4, i] = -scale[i] * v * v
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def diffuse_rows(p: Array, at: int, L: Single, root: Single, R: Single, value: int) -> None:
+    """Weighted values of the diffuse term, and its derivatives (rows `at` and on) by its slopes p[at : at + 2]."""
+    nx, ny = f4(p[at]), f4(p[at + 1])
     for i in range(root.size):
-        dx[i] = lx[i] * root[i] if m[i] > f4(0.0) else f4(0.0)
+        R[value, i] = max(L[2, i] + nx * L[0, i] + ny * L[1, i], f4(0.0)) * root[i]
+    for k in range(2):
+        for i in range(root.size):
+            R[at + k, i] = L[k, i] * root[i] if R[value, i] > f4(0.0) else f4(0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def remainder(Y: Single, c: int, R: Single, value: int, columns: int, C: Array, rest: int) -> None:
+    """Row `rest` of R: what colours C (columns, channel) of the rows from `value` leave of the channel c."""
+    first, last, diffuse = f4(C[0, c]), f4(C[columns - 1, c]), value + columns - 1
+    if columns == 2:
+        for i in range(R.shape[1]):
+            R[rest, i] = Y[c, i] - first * R[value, i] - last * R[diffuse, i]
+    else:
+        second = f4(C[1, c])
+        for i in range(R.shape[1]):
+            R[rest, i] = Y[c, i] - first * R[value, i] - second * R[value + 1, i] - last * R[diffuse, i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def along(Y: Single, colour: Array, out: Single) -> None:
+    """Data along a colour (3,)."""
+    a, b, d = f4(colour[0]), f4(colour[1]), f4(colour[2])
+    for i in range(Y.shape[1]):
+        out[0, i] = a * Y[0, i] + b * Y[1, i] + d * Y[2, i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def lobe_products(tail: int, p: Array, S: Single, root: Single, m: Single, Y: Single, A: Array, B: Array) -> float:
+    """Products of a lobe g and the diffuse row m: among themselves A (2, 2), with the channels B (2, 3); and Y · Y."""
+    mx, my, ea, b, ec = f4(p[0]), f4(p[1]), f4(math.exp(p[2])), f4(p[3]), f4(math.exp(p[4]))
+    gg = gm = mm = g0 = g1 = g2 = m0 = m1 = m2 = yy = f4(0)
     for i in range(root.size):
-        dy[i] = ly[i] * root[i] if m[i] > f4(0.0) else f4(0.0)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def remainder(y: Single, a: Single, b: Single, fa: float, fb: float, out: Single) -> None:
-    """The rest y - fa · a - fb · b."""
-    ka, kb = f4(fa), f4(fb)
-    for i in range(y.size):
-        out[i] = y[i] - ka * a[i] - kb * b[i]
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def scaled(y: Single, root: Single, out: Single) -> None:
-    """Weighted values root · y."""
-    for i in range(y.size):
-        out[i] = root[i] * y[i]
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def dot(a: Single, b: Single) -> float:
-    """Inner product."""
-    s = f4(0)
-    for i in range(a.size):
-        s += a[i] * b[i]
-    return float(s)
+        dy = S[1, i] - my
+        u, v = ea * (S[0, i] - mx) + b * dy, ec * dy
+        g = profile(tail, u * u + v * v)[0] * root[i]
+        y0, y1, y2 = Y[0, i], Y[1, i], Y[2, i]
+        gg, gm, mm = gg + g * g, gm + g * m[i], mm + m[i] * m[i]
+        g0, g1, g2 = g0 + g * y0, g1 + g * y1, g2 + g * y2
+        m0, m1, m2 = m0 + m[i] * y0, m1 + m[i] * y1, m2 + m[i] * y2
+        yy += y0 * y0 + y1 * y1 + y2 * y2
+    A[0, 0], A[0, 1], A[1, 0], A[1, 1] = gg, gm, gm, mm
+    B[0, 0], B[0, 1], B[0, 2], B[1, 0], B[1, 1], B[1, 2] = g0, g1, g2, m0, m1, m2
+    return float(yy)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FINITE)
-def take(T: Single, W: Single, root: Single, Y: Single, y: Single) -> None:
+def take(T: Single, W: Single, t: int, root: Single, Y: Single, y: Single) -> None:
     """Roots of the weights, weighted data Y (3, light) and mean of the channels y; without what is not finite."""
-    t0, t1, t2 = T[0], T[1], T[2]
-    for i in range(W.size):
-        y[i] = (t0[i] + t1[i] + t2[i]) * f4(1 / 3)
-    for i in range(W.size):
-        root[i] = np.sqrt(max(W[i], f4(0.0))) if abs(y[i]) <= LARGEST else f4(0.0)
-    for i in range(W.size):
-        y[i] = y[i] if root[i] > f4(0.0) else f4(0.0)
+    n = W.shape[1]
+    for i in range(n):
+        y[i] = (T[t, 0, i] + T[t, 1, i] + T[t, 2, i]) * f4(1 / 3)
+    for i in range(n):
+        used = W[t, i] > f4(0.0) and abs(y[i]) <= LARGEST
+        root[i], y[i] = W[t, i] if used else f4(0.0), y[i] if used else f4(0.0)
+    own = 0  # weights of 0 and 1 are their own roots
+    for i in range(n):
+        own += 1 if root[i] * root[i] == root[i] else 0
+    if own < n:
+        for i in range(n):
+            root[i] = np.sqrt(root[i])
     for c in range(3):
-        t, out = T[c], Y[c]
-        for i in range(W.size):
-            out[i] = root[i] * t[i] if root[i] > f4(0.0) else f4(0.0)
+        for i in range(n):
+            Y[c, i] = root[i] * T[t, c, i] if root[i] > f4(0.0) else f4(0.0)

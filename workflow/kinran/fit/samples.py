@@ -13,8 +13,10 @@ from kinran.stack import HOT, SATURATED, SHIFTED, Stack
 SATURATED_WEIGHT = 0.2
 """A saturated sample says only 'at least this much': it keeps a little of its say."""
 
-SIDE = 16
-"""Lights of a block of the reordering, and half of its texels."""
+RUN = 64
+"""Lights that the reordering takes at a time: what it reads of their images, it finds in the cache again."""
+SINGLE = np.arange(2**16, dtype=np.uint16).view(np.float16).astype(np.float32)
+"""Single precision of each float16, by its bits."""
 
 Box = tuple[int, int, int, int]
 
@@ -31,11 +33,19 @@ class Samples:
         Radiance, in the stack's unit.
     W : (texel, light) float32
         Weights: 0 for what is not to be used.
+    bounds : (texel, light) float32 or None
+        Weights of saturated samples, as the lower bounds that they are; 0 elsewhere. None where nothing is saturated.
     """
 
     box: Box
     T: NDArray[np.float32]
     W: NDArray[np.float32]
+    bounds: NDArray[np.float32] | None = None
+
+    def part(self, at: NDArray[np.intp], factor: NDArray[np.float32]) -> "Samples":
+        """Samples of some texels, divided by a factor (texel, light or 1)."""
+        bounds = None if self.bounds is None else self.bounds[at]
+        return Samples(self.box, np.ascontiguousarray(self.T[at] / factor[:, None]), self.W[at], bounds)
 
 
 def training_lights(stack: Stack) -> NDArray[np.intp]:
@@ -50,11 +60,12 @@ def training_directions(stack: Stack) -> NDArray[np.float64]:
 
 def read(stack: Stack, box: Box) -> Samples:
     """Samples of one tile under the training lights."""
-    radiance, flags = stack.read_tile(*box, lights=training_lights(stack))
+    radiance, flags = stack.read_stored(*box, lights=training_lights(stack))
     T, W = texels_first(radiance, flags, _weights(SATURATED_WEIGHT if stack.encoding else 0.0))
-    if stack.encoding:
-        W *= encoding.parse(stack.encoding).weight(T.mean(1))
-    return Samples(box, T, W)
+    display = encoding.parse(stack.encoding).weight(T.mean(1)) if stack.encoding else np.ones_like(W)
+    saturated = (flags & SATURATED).any(-1).reshape(len(flags), -1).T
+    bounds = np.where(saturated & ~(flags & (HOT | SHIFTED)).any(-1).reshape(len(flags), -1).T, display, 0)
+    return Samples(box, T, W * display, bounds.astype(np.float32) if saturated.any() else None)
 
 
 def texels_first(
@@ -80,7 +91,7 @@ def texels_first(
     T, W = np.empty((texels, channels, n), np.float32), np.empty((texels, n), np.float32)
     images = np.ascontiguousarray(radiance, np.float16).reshape(n, texels * channels)
     bits = np.ascontiguousarray(flags).reshape(n, texels * channels)
-    _turn(images.view(np.uint16), bits, weight_of, T, W)
+    _turn(images.view(np.uint16), bits, SINGLE, weight_of, T, W)
     return T, W
 
 
@@ -91,50 +102,26 @@ def _weights(saturated: float) -> NDArray[np.float32]:
     return np.where(bits & (HOT | SHIFTED), 0.0, weight).astype(np.float32)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _single(half: np.uint16) -> np.float32:
-    """Single precision of a float16, by its bits."""
-    # exponent and fraction moved in place, then the difference of the biases made up for by a power of 2
-    value = np.uint32(np.uint32(half & np.uint16(0x7FFF)) << np.uint32(13)).view(np.float32) * np.float32(2.0**112)
-    value = np.float32(np.nan) if half & np.uint16(0x7C00) == np.uint16(0x7C00) else value
-    return -value if half & np.uint16(0x8000) else value
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def _turn(
     images: NDArray[np.uint16],
     bits: NDArray[np.uint8],
+    single: NDArray[np.float32],
     weight_of: NDArray[np.float32],
     T: NDArray[np.float32],
     W: NDArray[np.float32],
 ) -> None:
-    """Turn (light, texel · channel) round, by blocks that use the cache lines of both orders whole."""
-    n, texels = images.shape[0], len(T)
-    block, flag = np.empty((SIDE, 6 * SIDE), np.float32), np.empty((SIDE, 6 * SIDE), np.uint8)
-    for t0 in range(0, texels, 2 * SIDE):
-        width = min(2 * SIDE, texels - t0)
-        for i0 in range(0, n, SIDE):
-            height = min(SIDE, n - i0)
-            flagged = np.uint8(0)
-            for i in range(height):
-                source, target = images[i0 + i, 3 * t0 : 3 * (t0 + width)], block[i]
-                for k in range(3 * width):
-                    target[k] = _single(source[k])
-                mark, kept = bits[i0 + i, 3 * t0 : 3 * (t0 + width)], flag[i]
-                for k in range(3 * width):
-                    kept[k] = mark[k]
-                    flagged |= mark[k]
-            for t in range(width):
-                for c in range(3):
-                    row, k = T[t0 + t, c, i0 : i0 + height], 3 * t + c
-                    for i in range(height):
-                        row[i] = block[i, k]
-                weights = W[t0 + t, i0 : i0 + height]
-                if flagged:
-                    for i in range(height):
-                        weights[i] = weight_of[flag[i, 3 * t] | flag[i, 3 * t + 1] | flag[i, 3 * t + 2]]
-                else:
-                    weights[:] = weight_of[0]
+    """Turn (light, texel · channel) round."""
+    for first in range(0, len(images), RUN):
+        values, flags = images[first : first + RUN], bits[first : first + RUN]
+        for t in range(len(T)):
+            for c in range(3):
+                row, k = T[t, c, first : first + RUN], 3 * t + c
+                for i in range(len(values)):
+                    row[i] = single[values[i, k]]
+            weights = W[t, first : first + RUN]
+            for i in range(len(values)):
+                weights[i] = weight_of[flags[i, 3 * t] | flags[i, 3 * t + 1] | flags[i, 3 * t + 2]]
 
 
 def share(boxes: list[Box], tile: str) -> list[Box]:

@@ -12,24 +12,23 @@ from scipy.spatial import cKDTree
 from kinran import frames
 from kinran.files import read_json
 from kinran.fit import fused
-from kinran.fit.lobes import DIFFUSE_SIZE, GGX, LOBE_SIZE, TAILS, squared_widths
+from kinran.fit.lobes import DIFFUSE_SIZE, LOBE_SIZE, TAILS, squared_widths
+from kinran.fit.rows import LANES
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.float32]
 
 ITERATIONS = 12
 TOLERANCE = 1e-4
-BLOCK = 64
-"""Texels of a job of a thread: their samples stay in its cache."""
+BLOCK = 256
+"""Texels of a job of a thread."""
 MAX_WIDTH = 2.0
 NARROWEST = {1: 0.02, 2: 0.05}
 """Smallest width allowed by the number of lobes: two find needles between lights that one does not."""
 SCOUTS = 2
-"""Iterations of the lone GGX lobe that two lobes start from."""
+"""Iterations, at most, of the lone GGX lobe that two lobes start from."""
 NEEDLE = {1: 0.5, 2: 0.6}
 """Share of the distance of two lights below which a lobe is a needle between them."""
-PAIR = (math.sqrt(2.0), math.sqrt(0.384))
-"""Factors of the widths' inverses that make two Gaussians, 0.76 and 0.21 high, of a GGX lobe (to 3 %)."""
 PRIOR_SD = (0.3, 0.3, 0.06, 0.3, 0.06)
 DIFFUSE_SD = 0.3
 HOLD = 10.0
@@ -124,6 +123,7 @@ def fit(
     iterations: int = ITERATIONS,
     start: Array | None = None,
     narrow: float | None = None,
+    slopes: Array | None = None,
 ) -> SlopeFit:
     """Fit lobes in slope space and a diffuse term to each texel.
 
@@ -151,10 +151,12 @@ def fit(
         Shapes to start from; by default from the moments of the highlight.
     narrow
         Smallest width of a lobe; by default what the lights resolve.
+    slopes : (light, 2)
+        Of the half vectors, where the view is not N.
     """
     count = len(T)
     assert T.shape == (count, 3, len(lights))
-    grid = _Lights.of(lights)
+    grid = _Lights.of(lights, slopes)
     least = np.full(count, resolution(lights, lobes) if narrow is None else max(narrow, NARROWEST[lobes]))
     size = LOBE_SIZE * lobes + DIFFUSE_SIZE
     centre, stiffness = np.zeros((count, size)), np.zeros((count, size))
@@ -166,16 +168,8 @@ def fit(
 
     def block(at: slice) -> SlopeFit:
         prior = _Given(least[at], centre[at], stiffness[at])
-        if start is not None:
-            return _run(solve, T[at], W[at], grid, prior, iterations, start[at])
-        if lobes == 2:
-            nothing = np.zeros((len(T[at]), LOBE_SIZE + DIFFUSE_SIZE))
-            single = _run(_Solver(GGX, 1, False), T[at], W[at], grid, _Given(least[at], nothing, nothing), SCOUTS, None)
-            first = _pair(single.shapes)
-        else:
-            first = None
-        result = _run(solve, T[at], W[at], grid, prior, iterations, first)
-        if len(lights) < FEW:
+        result = _run(solve, T[at], W[at], grid, prior, iterations, None if start is None else start[at])
+        if start is None and len(lights) < FEW:
             again = _at_brightest(result.shapes, T[at], W[at], grid, prior)
             other = _run(solve, T[at], W[at], grid, prior, iterations, again)
             result = _better(result, other, prior)
@@ -254,22 +248,21 @@ class _Given:
 
 @dataclass(frozen=True)
 class _Lights:
-    """Lights as the solver takes them."""
+    """Lights as the solver takes them: rows with zeros beyond the last light."""
 
     slopes: Samples
     directions: Samples
     solid: Samples
 
     @classmethod
-    def of(cls, lights: Array) -> "_Lights":
+    def of(cls, lights: Array, slopes: Array | None) -> "_Lights":
         directions = np.asarray(lights, float)
+        half = frames.slopes(directions) if slopes is None else slopes
         # the solid angle that a direction of a polar grid stands for
         solid = np.sqrt(np.maximum(1 - directions[:, 2] ** 2, 0)) + 0.02
-        return cls(
-            np.ascontiguousarray(frames.slopes(directions).T, np.float32),
-            np.ascontiguousarray(directions.T, np.float32),
-            solid.astype(np.float32),
-        )
+        rows = np.zeros((6, -(-len(directions) // LANES) * LANES), np.float32)
+        rows[:, : len(directions)] = *half.T, *directions.T, solid
+        return cls(rows[:2], rows[2:5], rows[5])
 
 
 def _narrowest(lobe: Array) -> float:
@@ -305,6 +298,7 @@ def _run(
         given.centre,
         given.stiffness,
         iterations,
+        SCOUTS,
         TOLERANCE,
         start is not None,
         P,
@@ -312,17 +306,6 @@ def _run(
         F,
     )
     return SlopeFit(P, C, F)
-
-
-def _pair(shapes: Array) -> Array:
-    """Start of two Gaussian lobes from one of GGX."""
-    parts = []
-    for factor in PAIR:
-        part = shapes[:, :LOBE_SIZE].copy()
-        part[:, [2, 4]] += math.log(factor)
-        part[:, 3] *= factor
-        parts.append(part)
-    return np.concatenate([*parts, shapes[:, LOBE_SIZE:]], 1)
 
 
 def _at_brightest(shapes: Array, T: Samples, W: Samples, lights: _Lights, given: _Given) -> Array:

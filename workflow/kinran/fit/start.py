@@ -14,18 +14,19 @@ f4 = np.float32
 
 THRESHOLD = f4(0.4)
 """Share of the level under which a sample is not of the highlight: a quarter of the peak."""
-WIDER = math.log(2.5)
+NARROWER, WIDER = math.sqrt(2.0), math.sqrt(0.384)
+"""Factors of the widths' inverses that make two Gaussians, 0.76 and 0.21 high, of a GGX lobe (to 3 %)."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def floor_of(y: Single, lz: Single, root: Single) -> f4:
+def floor_of(y: Single, L: Single, root: Single) -> f4:
     """Diffuse floor k of y ≈ k cos θ_i + highlights: the mean of what lies under the mean, twice."""
     k = f4(3e38)
     for _ in range(3):
         top, bottom = f4(0.0), f4(0.0)
         for i in range(y.size):
-            cosine = lz[i] * root[i]
-            under = cosine if y[i] <= k * lz[i] else f4(0.0)
+            cosine = L[2, i] * root[i]
+            under = cosine if y[i] <= k * L[2, i] else f4(0.0)
             top += under * root[i] * y[i]
             bottom += under * cosine
         k = max(top / max(bottom, f4(1e-30)), f4(0.0))
@@ -33,11 +34,11 @@ def floor_of(y: Single, lz: Single, root: Single) -> f4:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def level_of(y: Single, lz: Single, floor: float) -> f4:
+def level_of(y: Single, L: Single, floor: f4) -> f4:
     """Level Σ r³ / Σ r² of what stands above the floor: 2/3 of the peak of a Gaussian lobe, 3/5 of one of GGX."""
-    k, top, bottom = f4(floor), f4(0.0), f4(0.0)
+    top, bottom = f4(0.0), f4(0.0)
     for i in range(y.size):
-        r = max(y[i] - k * lz[i], f4(0.0))
+        r = max(y[i] - floor * L[2, i], f4(0.0))
         bottom += r * r
         top += r * r * r
     return top / max(bottom, f4(1e-30))
@@ -45,7 +46,7 @@ def level_of(y: Single, lz: Single, floor: float) -> f4:
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def highlight(
-    tail: int, y: Single, S: Single, lz: Single, root: Single, solid: Single, Y: Single, p: Array, tint: Array
+    tail: int, y: Single, S: Single, L: Single, solid: Single, root: Single, Y: Single, p: Array, tint: Array
 ) -> None:
     """Shape `p` (5, of the first lobe) and colour `tint` (3,) of the highlight.
 
@@ -53,31 +54,23 @@ def highlight(
     ----------
     y : (light,)
         Mean of the channels; 0 where a sample is not used.
+    S, L, solid : (2, light), (3, light), (light,)
+        Half-vector slopes, directions, and the solid angle that a light stands for.
     root : (light,)
-        Roots of the weights; 0 for the same samples.
-    solid : (light,)
-        Solid angle that a light stands for.
+        Roots of the weights; 0 where a sample is not used.
     Y : (3, light)
         Channels, weighted by `root`.
     """
-    floor = f4(floor_of(y, lz, root))
-    threshold = THRESHOLD * f4(level_of(y, lz, floor))
-    sx, sy, y0, y1, y2 = S[0], S[1], Y[0], Y[1], Y[2]
+    floor = f4(floor_of(y, L, root))
+    threshold = THRESHOLD * f4(level_of(y, L, floor))
     total = x = z = xx = xz = zz = c0 = c1 = c2 = f4(0.0)
     for i in range(y.size):
-        q = max(y[i] - floor * lz[i] - threshold, f4(0.0)) * solid[i] if root[i] > f4(0.0) else f4(0.0)
-        qx, qz = q * sx[i], q * sy[i]
-        total += q
-        x += qx
-        z += qz
-        xx += qx * sx[i]
-        xz += qx * sy[i]
-        zz += qz * sy[i]
-    for i in range(y.size):
-        q = max(y[i] - floor * lz[i] - threshold, f4(0.0))
-        c0 += q * y0[i]
-        c1 += q * y1[i]
-        c2 += q * y2[i]
+        above = max(y[i] - floor * L[2, i] - threshold, f4(0.0))
+        c0, c1, c2 = c0 + above * Y[0, i], c1 + above * Y[1, i], c2 + above * Y[2, i]
+        q = above * solid[i]
+        qx, qz = q * S[0, i], q * S[1, i]
+        total, x, z = total + q, x + qx, z + qz
+        xx, xz, zz = xx + qx * S[0, i], xz + qx * S[1, i], zz + qz * S[1, i]
     tint[0], tint[1], tint[2] = c0, c1, c2
     s = float(total) + 1e-30
     mx, my = float(x) / s, float(z) / s
@@ -95,11 +88,11 @@ def highlight(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def wider(p: Array) -> None:
-    """Start a second lobe around the first: wider, and half as tilted."""
-    first, second = p[:LOBE_SIZE], p[LOBE_SIZE : 2 * LOBE_SIZE]
-    second[:] = first
-    second[:2] *= 0.5
-    second[2] -= WIDER
-    second[3] /= 2.5
-    second[4] -= WIDER
+def pair(p: Array) -> None:
+    """Two Gaussian lobes of the one of GGX that stands first, the narrower one before the other."""
+    for k in range(LOBE_SIZE):
+        p[LOBE_SIZE + k] = p[k]
+    for at, factor in ((0, NARROWER), (LOBE_SIZE, WIDER)):
+        p[at + 2] += math.log(factor)
+        p[at + 3] *= factor
+        p[at + 4] += math.log(factor)

@@ -10,15 +10,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from kinran import near
+from kinran.code import digest
 from kinran.files import InputError, atomic
-from kinran.fit import lambert, samples, slope, takeda
-from kinran.fit.lobes import DIFFUSE_SIZE, LOBE_SIZE, TAILS, squared_widths
+from kinran.fit import bounded, lambert, progress, samples, slope, takeda
+from kinran.fit.choice import add_lobes
+from kinran.fit.fitted import fitted_labels
+from kinran.fit.lobes import DIFFUSE_SIZE, LOBE_SIZE, squared_widths
 from kinran.labels import read_labels
-from kinran.needed import needed_labels
 from kinran.stack import Stack
 
 LEAST_SAMPLES = 4
 """Texels with fewer usable samples, such as those on a defect of the sensor, have no fit of their own."""
+MOST_SATURATED = {"gaussian": 0.03, "ggx": 0.0}
+"""Share of saturated samples up to which they are bounds for the fit of a RAW set; with more they are left out."""
 MODELS = ("takeda2008", "slope", "lambert")
 SHAPES = {
     "takeda2008": ("theta", "phi", "dt", "dp"),
@@ -28,12 +33,6 @@ SHAPES = {
 """Names of the lobe's shape channels."""
 
 Channels = dict[str, NDArray[np.float64]]
-
-
-def add_lobes(parser: argparse.ArgumentParser) -> None:
-    """Arguments that say what lobes the slope model has."""
-    parser.add_argument("--lobes", type=int, choices=(1, 2), default=1, help="lobes of the slope model")
-    parser.add_argument("--tail", choices=tuple(TAILS), default="ggx", help="tail of the slope model's lobes")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,41 +52,53 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> None:
-    """Fit the run and write its parameters, with the CPU seconds that they took."""
+    """Fit the run and write its parameters, with the CPU seconds that they took.
+
+    Each tile is kept when it is done: a run that was stopped goes on where it was.
+    """
     stack = Stack.open(args.stack)
     labels = read_labels(args.labels)
-    if args.need:
-        args.fitted = needed_labels(args.need, labels)
+    args.fitted = fitted_labels(args, labels)
     priors = None
     if args.prior:
         priors = slope.read_priors(args.prior)
         if any(prior.lobes != args.lobes for prior in priors):
             raise InputError(f"{args.prior}: is of another number of lobes than {args.lobes}; make it again")
     boxes = samples.share(stack.tiles(), args.tile)
+    finished = progress.Finished.of(args.out, _key(args))
     done, total = 0, sum((y1 - y0) * (x1 - x0) for y0, y1, x0, x1 in boxes)
-    parts: list[Channels] = []
     _warm_up(args)
-    start, reading = time.process_time(), 0.0
     for box in boxes:
-        before = time.process_time()
-        tile = samples.read(stack, box)
-        reading += time.process_time() - before
         region = samples.cut(labels, box)
-        parts.append(_fit(args, stack, tile, region, priors))
-        parts[-1]["fit.valid"] = ((tile.W > 0).sum(1) >= LEAST_SAMPLES).astype(float)
+        if not finished.has(box):
+            start = time.process_time()
+            tile = samples.read(stack, box)
+            reading = time.process_time() - start
+            part = _fit(args, stack, tile, region, priors)
+            part["fit.valid"] = ((tile.W > 0).sum(1) >= LEAST_SAMPLES).astype(float)
+            fitting = time.process_time() - start - reading
+            costs = {"cpu_seconds": np.array(fitting), "read_seconds": np.array(reading)}
+            finished.keep(box, {**costs, **{name: values.astype(np.float32) for name, values in part.items()}})
         done += len(region)
         print(f"{args.model}: {done} of {total} texels", file=sys.stderr, flush=True)
-    seconds = time.process_time() - start - reading
-    names = list(parts[0]) if parts else []
-    arrays = {name: np.concatenate([part[name] for part in parts]).astype(np.float32) for name in names}
+    parts = [finished.read(box) for box in boxes]
+    names = list(parts[0]) if parts else ["cpu_seconds", "read_seconds"]
+    costs = {name: np.sum([part[name] for part in parts]) for name in names if "." not in name}
+    arrays = {name: np.concatenate([part[name] for part in parts]) for name in names if "." in name}
     with atomic(args.out) as temporary, temporary.open("wb") as file:
-        costs = {
+        costs |= {
             "boxes": np.array(boxes, np.int64).reshape(-1, 4),
-            "cpu_seconds": np.array(seconds),
-            "read_seconds": np.array(reading),
             "peak_mb": np.array(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
         }
         np.savez(file, allow_pickle=False, **costs, **arrays)
+    finished.clear()
+
+
+def _key(args: argparse.Namespace) -> str:
+    """What the result of a tile depends on."""
+    options = [str(value) for value in (args.model, args.lobes, args.tail, args.fitted)]
+    files = [path for path in (args.labels, args.prior) if path]
+    return progress.key([digest("kinran.fit.tile"), *options], files, args.stack)
 
 
 def _fit(
@@ -97,22 +108,52 @@ def _fit(
     region: NDArray[np.intp],
     priors: list[slope.Prior] | None,
 ) -> Channels:
-    """Channels (texel,) of one tile, colours in the stack's unit and space."""
-    model = args.model
-    lights = samples.training_directions(stack)
+    """Channels (texel,) of one tile, colours in the stack's unit and space; 0 where a texel has no such part."""
+    lobed = np.full(len(region), True) if args.fitted is None else np.isin(region, args.fitted)
+    lobes = {"lambert": 0, "slope": args.lobes}.get(args.model, 1)
+    channels = _channels(
+        SHAPES[args.model],
+        np.zeros((len(region), lobes * len(SHAPES[args.model]))),
+        np.zeros((len(region), lobes + 1, 3)),
+    )
+    for cell in near.cells(stack, tile.box, samples.training_lights(stack)):
+        factor = np.ones((len(cell.at), 1), np.float32) if cell.factor is None else cell.factor
+        for model, chosen in ((args.model, lobed[cell.at]), ("lambert", ~lobed[cell.at])):
+            at = cell.at[chosen]
+            if not len(at):
+                continue
+            whole = len(at) == len(region) and cell.factor is None
+            part = tile if whole else tile.part(at, factor[chosen])
+            for name, values in _fit_cell(args, model, stack, part, cell, region[at], priors).items():
+                channels[name][at] = values
+    return channels
+
+
+def _fit_cell(
+    args: argparse.Namespace,
+    model: str,
+    stack: Stack,
+    tile: samples.Samples,
+    cell: near.Cell,
+    region: NDArray[np.intp],
+    priors: list[slope.Prior] | None,
+) -> Channels:
+    """Channels (texel,) of texels under the same directions."""
+    T, W = tile.T, tile.W
     if model == "lambert":
-        return _channels((), np.zeros((len(region), 0)), lambert.fit(tile.T, tile.W, lights)[:, None])
-    if model == "slope":
-        result = slope.fit(tile.T, tile.W, lights, args.tail, args.lobes, priors, region, args.threads)
-        lobes = [result.shapes[:, LOBE_SIZE * k : LOBE_SIZE * (k + 1)] for k in range(args.lobes)]
-        shapes = [np.stack([p[:, 0], p[:, 1], *squared_widths(p)], 1) for p in lobes]
-        channels = _channels(SHAPES[model], np.concatenate(shapes, 1), result.colours)
-        channels["diffuse.x"], channels["diffuse.y"] = result.shapes[:, -DIFFUSE_SIZE:].T
-    else:
-        steps = takeda.four_steps(tile.T, lights, *_tolerances(stack))
-        channels = _channels(SHAPES[model], steps.shapes, steps.colours)
-    if args.fitted is not None:
-        _leave_as_texture(channels, ~np.isin(region, args.fitted), lambert.fit(tile.T, tile.W, lights))
+        return _channels((), np.zeros((len(region), 0)), lambert.fit(T, W, cell.lights)[:, None])
+    if model == "takeda2008":
+        steps = takeda.four_steps(T, cell.lights, *_tolerances(stack))
+        return _channels(SHAPES[model], steps.shapes, steps.colours)
+    kind = args.tail, args.lobes, priors, region, args.threads
+    result = slope.fit(T, W, cell.lights, *kind, slopes=cell.slopes)
+    if tile.bounds is not None:
+        most = 1.0 if stack.encoding else MOST_SATURATED[args.tail]
+        result = bounded.refit(result, T, W, tile.bounds, most, cell.lights, *kind, cell.slopes)
+    lobes = [result.shapes[:, LOBE_SIZE * k : LOBE_SIZE * (k + 1)] for k in range(args.lobes)]
+    shapes = [np.stack([p[:, 0], p[:, 1], *squared_widths(p)], 1) for p in lobes]
+    channels = _channels(SHAPES[model], np.concatenate(shapes, 1), result.colours)
+    channels["diffuse.x"], channels["diffuse.y"] = result.shapes[:, -DIFFUSE_SIZE:].T
     return channels
 
 
@@ -122,18 +163,8 @@ def _channels(names: tuple[str, ...], shapes: NDArray[np.float64], colours: NDAr
     channels = {f"{lobe}.{name}": shapes[:, k] for k, (lobe, name) in enumerate(product(lobes, names))}
     for k, part in enumerate([*lobes, "diffuse"]):
         channels.update({f"{part}.{c}": colours[:, k, i] for i, c in enumerate("RGB")})
-    channels["diffuse.x"] = channels["diffuse.y"] = np.zeros(len(colours))
+    channels["diffuse.x"], channels["diffuse.y"] = np.zeros((2, len(colours)))
     return channels
-
-
-def _leave_as_texture(channels: Channels, plain: NDArray[np.bool_], colour: NDArray[np.float64]) -> None:
-    """Give the texels that are not fitted no lobe and their Lambertian colour (Takeda2008, §4)."""
-    for i, c in enumerate("RGB"):
-        for lobe in {name.split(".")[0] for name in channels if name.startswith("lobe")}:
-            channels[f"{lobe}.{c}"] = np.where(plain, 0, channels[f"{lobe}.{c}"])
-        channels[f"diffuse.{c}"] = np.where(plain, colour[:, i], channels[f"diffuse.{c}"])
-    for name in ("diffuse.x", "diffuse.y"):
-        channels[name] = np.where(plain, 0, channels[name])
 
 
 def _tolerances(stack: Stack) -> tuple[float, float]:

@@ -71,7 +71,7 @@ def main(args: argparse.Namespace) -> None:
         calibration.colour,
         calibration.to_acescg,
         calibration.noise(),
-        (0.0, 0.0, plan.camera_mm) if plan.camera_mm else None,
+        (*(plan.axis_mm or (0.0, 0.0)), plan.camera_mm) if plan.camera_mm else None,
     )
     print(f"{len(lights)} lights, {len(held)} of them held out", file=sys.stderr)
 
@@ -120,33 +120,49 @@ def last_shard(
     """
     camera = calibration.camera
     first = (len(plan.lights) - 1) // SHARD * SHARD
-    found: dict[int, list[tuple[Image, Flags]]] = {index: [] for index in range(first, len(plan.lights))}
+    found: dict[int, Repeats] = {}
     if camera is None:
         raise ValueError("photographs have no repeats of θ = 0")
     for path, shots in groups:
         monitors = [shot for shot in shots if shot.kind == "monitor"]
-        wanted = [shot for shot in shots if shot.light in found and shot.kind in ("light", "monitor")]
+        wanted = [shot for shot in shots if (shot.light or 0) >= first and shot.kind in ("light", "monitor")]
         if not wanted:
             continue
         merged = {shot.shot: merge_bracket(read_bracket(shot), camera) for shot in {*monitors, *wanted}}
         gains = lamp_gains(shots, camera, {shot.shot: level(*merged[shot.shot]) for shot in monitors}, path)
         for shot in wanted:
-            rate, flags = merged[shot.shot]
+            rate, flags = merged.pop(shot.shot)
             light = plan.lights[shot.light or 0]
-            found[light.index].append(to_radiance(rate, flags, camera, gains[shot.shot], light.theta, light.phi))
-    for index, repeats in found.items():
-        if not repeats:
-            raise InputError(f"light '{plan.lights[index].name}' has no shot in the manifests; capture its group")
-    means = [mean_of_repeats(repeats) for repeats in found.values()]
+            repeats = found.setdefault(light.index, Repeats(rate.shape))
+            repeats.add(*to_radiance(rate, flags, camera, gains[shot.shot], light.theta, light.phi))
+    for light in plan.lights[first:]:
+        if light.index not in found:
+            raise InputError(f"light '{light.name}' has no shot in the manifests; capture its group")
+    means = [found[index].mean() for index in sorted(found)]
     return first, np.stack([radiance for radiance, _ in means]), np.stack([flags for _, flags in means])
 
 
-def mean_of_repeats(repeats: Sequence[tuple[Image, Flags]]) -> tuple[Image, Flags]:
+class Repeats:
     """Mean of pictures (y, x, 3) of one light, without their saturated samples where there are others."""
-    radiance, flags = (np.stack(part) for part in zip(*repeats, strict=True))
-    full = (flags & SATURATED) > 0
-    weight = np.where(full.all(0), 1.0, ~full).astype(np.float32)
-    mean = (weight * radiance).sum(0) / weight.sum(0)
-    bits = np.bitwise_or.reduce(flags & ~np.uint8(SATURATED | DARK), axis=0)
-    bits |= np.bitwise_and.reduce(flags & np.uint8(SATURATED | DARK), axis=0)
-    return mean.astype(np.float32), bits
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self._open, self._all = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+        self._count, self._pictures = np.zeros(shape, np.uint16), 0
+        self._any, self._every = np.zeros(shape, np.uint8), np.full(shape, 255, np.uint8)
+
+    def add(self, radiance: Image, flags: Flags) -> None:
+        """Take a picture."""
+        full = (flags & SATURATED) > 0
+        self._open += np.where(full, 0, radiance)
+        self._all += radiance
+        self._count += ~full
+        self._pictures += 1
+        self._any |= flags
+        self._every &= flags
+
+    def mean(self) -> tuple[Image, Flags]:
+        """Mean of what was taken; saturated and dark where every picture is, hot and shifted where any is."""
+        seen = self._count > 0
+        mean = np.where(seen, self._open / np.maximum(self._count, 1), self._all / self._pictures)
+        every = np.uint8(SATURATED | DARK)
+        return mean.astype(np.float32), (self._any & ~every) | (self._every & every)

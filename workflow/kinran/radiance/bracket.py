@@ -44,11 +44,15 @@ class Response:
         Counts per electron.
     read
         Standard deviation of darkness in counts, rounding included.
+    coding
+        Standard deviation of what encoding adds to a photograph, relative to the signal: the steps of its codes, which
+        grow with the light, and the losses of JPEG. 0 for RAW.
     """
 
     saturation: float
     gain: float
     read: float
+    coding: float = 0.0
 
     @property
     def clip(self) -> float:
@@ -122,6 +126,7 @@ def estimate_rows(planes: Counts, black: Array, seconds: Array, response: Respon
         np.float32(response.clip),
         np.float32(response.gain),
         np.float32(response.read**2),
+        np.float32(response.coding**2),
         np.float32(chi2.isf(CHANCE, len(planes) - 1) if len(planes) > 1 else np.inf),
         first,
         *merged,
@@ -134,13 +139,14 @@ def _kernel(n: int) -> Callable[..., None]:
     """`estimate_rows` for n exposures: the compiler unrolls a loop whose length it knows, and vectorises."""
     last = n - 1
 
-    def merge(  # `read` is a variance
+    def merge(  # `read` and `coding` are variances
         counts: Counts,
         black: Image,
         seconds: Image,
         clip: np.float32,
         gain: np.float32,
         read: np.float32,
+        coding: np.float32,
         limit: np.float32,
         start: int,
         rate: Image,
@@ -172,7 +178,7 @@ def _kernel(n: int) -> Callable[..., None]:
                         weight = unsaturated
                         if i < last:
                             weight = min(max((clip - max(expected, value)) * width, zero), one)
-                        information = weight / (gain * expected + read)
+                        information = weight / (expected * (gain + coding * expected) + read)
                         top += information * seconds[i, y] * value
                         bottom += information * seconds[i, y] * seconds[i, y]
                         apartness += information * (value - expected) * (value - expected)
@@ -209,15 +215,12 @@ def ratio_sums(planes: Counts, black: Array, longer: int, clip: float) -> Array:
     bayer = planes.shape[1] == 4
     for chosen, measured in ((1, 2), (2, 1)) if bayer else ((1, 1),):
         a, b = black[longer, [chosen, measured]]
-        levels = np.array([a + 0.05 * clip, a + 0.8 * clip, b + 0.97 * clip, b, black[longer + 1, measured]])
-        choosing = planes[longer, chosen] if bayer else guarded(planes[longer, chosen], levels[2])
-        _ratio_sums(
-            choosing,
-            planes[longer, measured],
-            planes[longer + 1, measured],
-            levels.astype(np.float32),
-            sums,
-        )
+        levels = np.ceil([a + 0.05 * clip, a + 0.8 * clip, b + 0.97 * clip]).clip(0, 65535).astype(np.uint16)
+        choosing = planes[longer, chosen] if bayer else guarded(planes[longer, chosen], float(levels[2]))
+        found = np.zeros((planes.shape[2], 3), np.int64)
+        _ratio_sums(choosing, planes[longer, measured], planes[longer + 1, measured], levels, found)
+        sums += found
+        sums[:, :2] -= found[:, 2:] * [b, black[longer + 1, measured]]
     return sums
 
 
@@ -226,17 +229,15 @@ def guarded(counts: Counts, full: float) -> Counts:
     return np.where(maximum_filter(counts, 2 * GUARD + 1) < full, counts, np.uint16(0))
 
 
-@nb.njit(cache=True, fastmath={"reassoc"})  # type: ignore[untyped-decorator,unused-ignore]
-def _ratio_sums(chosen: Counts, longer: Counts, shorter: Counts, levels: Image, sums: Array) -> None:
-    low, high, full, black, black_shorter = levels
+@nb.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _ratio_sums(chosen: Counts, longer: Counts, shorter: Counts, levels: Counts, sums: NDArray[np.int64]) -> None:
+    """Sums over the sites with low ≤ chosen < high and longer < full; whole numbers, so that it vectorises."""
+    low, high, full = levels
     for y in range(chosen.shape[0]):
-        top, bottom, sites = 0.0, 0.0, 0
+        top, bottom, sites = np.uint32(0), np.uint32(0), np.uint32(0)  # they hold a row of 65,536 counts of 16 bits
         for x in range(chosen.shape[1]):
-            value, other = np.float32(chosen[y, x]), np.float32(longer[y, x])
-            if low < value < high and other < full:
-                top += other - black
-                bottom += np.float32(shorter[y, x]) - black_shorter
-                sites += 1
-        sums[y, 0] += top
-        sums[y, 1] += bottom
-        sums[y, 2] += sites
+            use = np.uint32((chosen[y, x] >= low) & (chosen[y, x] < high) & (longer[y, x] < full))
+            top += use * np.uint32(longer[y, x])
+            bottom += use * np.uint32(shorter[y, x])
+            sites += use
+        sums[y, 0], sums[y, 1], sums[y, 2] = top, bottom, sites

@@ -9,7 +9,7 @@ import argparse
 import math
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,11 +21,12 @@ from kinran.frames import direction
 from kinran.photographs import parse_crop
 from kinran.photographs import read as read_photograph
 from kinran.plans import Plan, read_plan
-from kinran.radiance import chart_place, colour_chart
+from kinran.radiance import colour_chart
 from kinran.radiance.bracket import Response
 from kinran.radiance.calibration import Calibration, Camera, write_calibration
+from kinran.radiance.chart_fit import fit_colours
+from kinran.radiance.chart_photograph import calibrate_colours
 from kinran.radiance.flat import Flat, fit_flat
-from kinran.radiance.glare import estimate_glare
 from kinran.radiance.lamp import irradiance, level
 from kinran.radiance.radiometry import to_radiance
 from kinran.radiance.raw import camera_matrix, is_raw
@@ -45,11 +46,7 @@ from kinran.stack import HOT, SATURATED
 
 Array = NDArray[np.float64]
 
-MOST_DELTA_E = 6.0
 MOST_BRACKETS = 8
-LEAST_PATCHES = 15
-ROOT_GAIN = 0.9
-"""Root polynomials are taken where their leave-one-out error is under this share of the matrix's."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,6 +55,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     help_ = "manifests of the calibration and of other groups"
     parser.add_argument("--manifests", type=Path, nargs="+", required=True, metavar="MANIFEST", help=help_)
     help_ = "x,y of the chart's corners from the top left, dark skin's first, then around; without it, it is found"
+    help_ = "of photographs: one of a colour chart, taken as they are and under the same light"
+    parser.add_argument("--chart", type=Path, metavar="FILE", help=help_)
     parser.add_argument("--chart-corners", default="", metavar="X,Y,X,Y,X,Y,X,Y", help=help_)
     help_ = "whose spectrum lights the chart: xenon, D50, D65, A, …; without it, the chart's published colours"
     parser.add_argument("--lamp", default="", help=help_)
@@ -71,6 +70,8 @@ def main(args: argparse.Namespace) -> None:
     if plan.kind == "list":
         single = len(plan.exposures_s) == 1
         calibration = calibrate_photographs(plan, shots) if single else calibrate_brackets(plan, shots)
+        if args.chart:
+            calibration = calibrate_colours(calibration, args.chart, args.chart_corners, args.lamp)
     else:
         calibration = calibrate(plan, shots, args.chart_corners, args.lamp)
     write_calibration(args.out, calibration)
@@ -194,6 +195,8 @@ def calibrate(plan: Plan, shots: Sequence[Taken], corners: str = "", lamp: str =
         chart.delta_e,
         chart.patches,
         chart.root_polynomial,
+        chart=chart.chart,
+        lamp=lamp,
     )
 
 
@@ -212,86 +215,6 @@ def _measure_camera(dark: Bracket, white: Bracket, lit: Sequence[Bracket]) -> Ca
         )
     sites = tuple((int(k), int(y), int(x)) for k, y, x in np.argwhere(bad))
     return Camera(black, dark.masked, response, exposures, sites, (1.0, 1.0, 1.0), None, None, prnu=prnu)
-
-
-@dataclass(frozen=True)
-class Chart:
-    """What a colour chart says; attributes as of `Calibration`, and the glare of `Camera`."""
-
-    matrix: Array
-    delta_e: tuple[float, ...]
-    patches: tuple[int, ...]
-    root_polynomial: tuple[tuple[float, ...], ...] | None
-    glare: float
-
-
-def fit_colours(
-    picture: NDArray[np.float32], flags: NDArray[np.uint8], shot: str, corners: str = "", lamp: str = ""
-) -> Chart:
-    """Colours of a chart whose picture (y, x, 3) is white balanced.
-
-    Raises
-    ------
-    InputError
-        The chart is not found, too few patches can be used, or their colours are not those of the chart.
-    """
-    usable = (flags & (SATURATED | HOT)).max(-1) == 0
-    reference = colour_chart.references(lamp)
-    colours, seen, error, place = find_chart(picture, usable, reference, corners)
-    if seen.sum() < LEAST_PATCHES:
-        raise InputError(f"shot '{shot}': only {seen.sum()} of 24 patches can be used; shoot the chart again")
-    if error > MOST_DELTA_E:
-        raise InputError(
-            f"shot '{shot}': its patches are ΔE00 {error:.1f} from the chart's; let the chart fill the picture, or give"
-            " its corners"
-        )
-    if place.mirrored:
-        raise InputError(f"shot '{shot}': its chart is mirrored; give pictures as the camera takes them")
-    greys = np.flatnonzero(seen)[np.flatnonzero(seen) >= colour_chart.GREYS.start]
-    glare = estimate_glare(colours[greys].mean(1), reference[greys].mean(1), float(picture.mean()))
-    colours = colours - glare / (1 + glare) * picture.mean((0, 1), dtype=float)
-    kept = np.flatnonzero(seen)[~colour_chart.outliers(colours[seen], reference[seen])]
-    linear, root = (colour_chart.leave_one_out(colours[kept], reference[kept], degree) for degree in (1, 2))
-    matrix = colour_chart.fit_matrix(colours[kept], reference[kept])
-    better = root.mean() < ROOT_GAIN * linear.mean()
-    polynomial = colour_chart.fit_matrix(colours[kept], reference[kept], 2).tolist() if better else None
-    return Chart(
-        matrix,
-        tuple(round(float(e), 4) for e in linear),
-        tuple(int(k) for k in kept),
-        polynomial and tuple(tuple(row) for row in polynomial),
-        glare,
-    )
-
-
-def find_chart(
-    picture: NDArray[np.float32], usable: NDArray[np.bool_], reference: Array, corners: str
-) -> tuple[Array, NDArray[np.bool_], float, chart_place.Place]:
-    """Patches of a chart, which of them can be used, their median ΔE00, and the place: the way up that fits best.
-
-    By its corners; else as if it filled the picture; else where the detector sees it.
-    """
-    height, width = usable.shape
-    place = chart_place.parse_corners(corners, height) if corners else chart_place.whole(height, width)
-    best = _best_way_up(picture, usable, reference, place)
-    if best[2] >= MOST_DELTA_E and not corners:
-        seen = chart_place.find(picture)
-        if seen is not None:
-            best = min(best, _best_way_up(picture, usable, reference, seen), key=lambda found: found[2])
-    return best
-
-
-def _best_way_up(
-    picture: NDArray[np.float32], usable: NDArray[np.bool_], reference: Array, place: chart_place.Place
-) -> tuple[Array, NDArray[np.bool_], float, chart_place.Place]:
-    found = []
-    for quarters in range(4):
-        turned = place.turned(quarters)
-        colours, seen = chart_place.patches(picture, usable, turned)
-        enough = seen.sum() >= LEAST_PATCHES
-        errors = colour_chart.leave_one_out(colours[seen], reference[seen]) if enough else np.array([np.inf])
-        found.append((colours, seen, float(np.median(errors)), turned))
-    return min(found, key=lambda one: one[2])
 
 
 def _pose(plan: Plan, bracket: Bracket) -> tuple[float, float]:

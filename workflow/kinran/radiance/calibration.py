@@ -97,6 +97,31 @@ class Camera:
 
 
 @dataclass(frozen=True)
+class Patch:
+    """A patch of the colour chart.
+
+    Attributes
+    ----------
+    colour : (3,)
+        As it was seen, free of glare, by the matrix: linear ACEScg under a white of 1.
+    reference : (3,)
+        As it should be.
+    delta_e
+        ΔE00 of a matrix that has not seen the patch.
+    root_delta_e
+        The same of a root polynomial.
+    left_out
+        Why no fit uses it; empty where they do.
+    """
+
+    colour: tuple[float, float, float]
+    reference: tuple[float, float, float]
+    delta_e: float
+    root_delta_e: float
+    left_out: str = ""
+
+
+@dataclass(frozen=True)
 class Calibration:
     """Calibration of a capture.
 
@@ -123,6 +148,10 @@ class Calibration:
         `colour_chart.apply` takes it. Else None.
     curve
         Linear light of the 256 codes of photographs whose response was recovered; else empty.
+    chart : (24,)
+        All patches, row by row from dark skin; empty for photographs.
+    lamp
+        Whose spectrum the chart's reference colours are for; empty for the published ones.
     """
 
     fabric: str
@@ -138,6 +167,8 @@ class Calibration:
     patches: tuple[int, ...] = ()
     root_polynomial: tuple[tuple[float, ...], ...] | None = None
     curve: tuple[float, ...] = ()
+    chart: tuple[Patch, ...] = ()
+    lamp: str = ""
 
     @property
     def matrix(self) -> NDArray[np.float64]:
@@ -153,6 +184,7 @@ class Calibration:
             "kind": "raw",
             "counts_per_electron": camera.response.gain,
             "read_counts": camera.response.read,
+            "relative_coding": camera.response.coding,
             "saturation_counts": camera.response.saturation,
             "relative_prnu": camera.prnu,
             "planes": len(camera.black),
@@ -195,6 +227,12 @@ def read_calibration(path: Path) -> Calibration:
         root = value.pop("root_polynomial")
         value["root_polynomial"] = root and tuple(tuple(float(term) for term in row) for row in root)
         value |= {name: tuple(value[name]) for name in ("delta_e", "patches", "curve")}
+        value["chart"] = tuple(_patch(patch) for patch in value.get("chart", ()))
         return Calibration(**{**value, "camera": camera, "to_acescg": matrix})
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"{path}: is not a calibration ({error}); calibrate again") from None
+
+
+def _patch(value: dict[str, Any]) -> Patch:
+    (a, b, c), (x, y, z) = value.pop("colour"), value.pop("reference")
+    return Patch((a, b, c), (x, y, z), **value)

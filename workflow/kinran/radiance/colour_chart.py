@@ -24,6 +24,33 @@ REC709_TO_ACESCG = np.array(
 """Linear Rec. 709 (D65) to ACEScg (AP1, ACES white), adapted by Bradford."""
 
 
+PATCHES = [
+    "dark skin",
+    "light skin",
+    "blue sky",
+    "foliage",
+    "blue flower",
+    "bluish green",
+    "orange",
+    "purplish blue",
+    "moderate red",
+    "purple",
+    "yellow green",
+    "orange yellow",
+    "blue",
+    "green",
+    "red",
+    "yellow",
+    "magenta",
+    "cyan",
+    "white",
+    "neutral 8",
+    "neutral 6.5",
+    "neutral 5",
+    "neutral 3.5",
+    "black",
+]
+"""Row by row."""
 LAMPS = {"xenon": "Kinoton 75P"}
 GREYS = slice(18, 24)
 MOST_EXCLUDED = 3
@@ -91,7 +118,7 @@ def fit_matrix(camera: Array, reference: Array, degree: int = 1) -> Array:
     degree
         2 for root polynomials.
     """
-    scaled = expand(_scale(camera, reference) * camera, degree)
+    scaled = expand(scale(camera, reference) * camera, degree)
     # rows sum to 1: fit what the differences to the third channel explain
     others = [k for k in range(scaled.shape[1]) if k != 2]
     A, B = scaled[:, others] - scaled[:, [2]], reference - scaled[:, [2]]
@@ -101,11 +128,15 @@ def fit_matrix(camera: Array, reference: Array, degree: int = 1) -> Array:
 
 def leave_one_out(camera: Array, reference: Array, degree: int = 1) -> Array:
     """(n,) ΔE00 of each patch under the matrix that was fitted to the others."""
-    predicted = np.empty_like(reference)
+    return held_out_errors(camera, reference, np.ones(len(camera), bool), degree)
+
+
+def held_out_errors(camera: Array, reference: Array, used: NDArray[np.bool_], degree: int) -> Array:
+    """(n,) ΔE00 of each patch under the matrix that was fitted to the other ones that are `used`."""
+    predicted, level = np.empty_like(reference), scale(camera[used], reference[used])
     for k in range(len(camera)):
-        others = np.arange(len(camera)) != k
-        matrix = fit_matrix(camera[others], reference[others], degree)
-        predicted[k] = apply(matrix, _scale(camera, reference) * camera[k])
+        others = used & (np.arange(len(camera)) != k)
+        predicted[k] = apply(fit_matrix(camera[others], reference[others], degree), level * camera[k])
     return delta_e(predicted, reference)
 
 
@@ -136,7 +167,7 @@ def delta_e(a: Array, b: Array) -> Array:
     return np.asarray(colour.delta_E(*lab, method="CIE 2000"), float)
 
 
-def _scale(camera: Array, reference: Array) -> float:
+def scale(camera: Array, reference: Array) -> float:
     """What brings the camera's neutral patches to the level of the published ones."""
     grey = reference.mean(1)
     neutral = np.abs(reference - grey[:, None]).max(1) < 0.1 * grey

@@ -44,15 +44,22 @@ def estimate_glare(grey: Array, reflectance: Array, mean: float) -> float:
     return float(veil * scale / mean)
 
 
-def remove_glare(rate: Image, flags: Flags, share: float) -> Image:
-    """Picture (y, x, 3) without a veil of this share of its mean light, channel by channel.
+def veil(rate: Image, flags: Flags, share: float) -> Image:
+    """(3,) light of a veil of this share of the mean light of a picture (y, x, 3), channel by channel.
 
     The lens sees `light + share · mean(light)`, so that the mean of what it shows is (1 + share) times that of light.
-    Saturated samples are lower bounds, and with them the veil.
     """
     if not share:
-        return rate
-    use = (flags & HOT) == 0
-    means = np.array([rate[..., c][use[..., c]].mean(dtype=float) for c in range(3)])
-    veil = (share / (1 + share) * means).astype(np.float32)
-    return np.where((flags & SATURATED) > 0, rate, rate - veil)
+        return np.zeros(3, np.float32)
+    height, width, _ = rate.shape
+    hot = (flags & HOT) > 0
+    total = rate.reshape(height, -1).sum(0, dtype=float).reshape(width, 3).sum(0)  # along rows: three times as fast
+    channel = np.nonzero(hot)[2]
+    total -= np.bincount(channel, rate[hot], 3)
+    means = total / (height * width - np.bincount(channel, minlength=3))
+    return np.asarray(share / (1 + share) * means, np.float32)
+
+
+def lift(rate: Image, flags: Flags, light: Image) -> Image:
+    """Picture (y, x, 3) without a veil (3,); saturated samples are lower bounds, and stay them with it."""
+    return np.where((flags & SATURATED) > 0, rate, rate - light)

@@ -10,9 +10,11 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinran.encoding import parse
 from kinran.exr import write_exr
@@ -22,10 +24,13 @@ from kinran.radiance.calibration import Camera
 from kinran.radiance.exif import exif_seconds
 from kinran.radiance.exposures import parse_times, time_in_name
 from kinran.radiance.raw import is_raw
+from kinran.radiance.response import CODES, Curve, merge_debevec
 from kinran.radiance.shots import FULL, Bracket, Frame, Taken, read_bracket
 from kinran.radiance.superpixels import Superpixels, merge_sites
-from kinran.radiance.uncalibrated import decoder_of, describe
-from kinran.stack import SATURATED
+from kinran.radiance.uncalibrated import RECOVERED, decoder_of, describe
+from kinran.stack import DARK, SATURATED
+
+Image = NDArray[np.float32]
 
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 
@@ -39,6 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     help_ = "of photographs: srgb, linear, gamma:EXPONENT or recovered; without it, as the bracket tells"
     parser.add_argument("--encoding", default="", help=help_)
+    help_ = "kinran, or a baseline for photographs: Debevec and Malik 1997, without σ"
+    parser.add_argument("--method", choices=["kinran", "debevec"], default="kinran", help=help_)
 
 
 def main(args: argparse.Namespace) -> None:
@@ -46,9 +53,13 @@ def main(args: argparse.Namespace) -> None:
     if args.out.suffix.lower() != ".exr":
         raise InputError(f"{args.out}: give a name that ends in .exr")
     frames = timed(args.frames, args.times)
+    if args.method == "debevec":
+        write_exr(args.out, *debevec(frames, args.encoding or RECOVERED))
+        return
     bracket, encoding = read(frames, args.encoding)
     camera = describe([bracket])
     merged = merge_sites(bracket, camera)
+    bracket = replace(bracket, planes=bracket.planes[:0].copy())  # room for the copies that writing makes
     write(args.out, merged, bracket, camera, encoding)
     print(summary(merged, camera, encoding), file=sys.stderr)
 
@@ -93,6 +104,34 @@ def read(frames: Sequence[Frame], encoding: str, crop: Crop | None = None) -> tu
     return read_bracket(shot, decoder, crop), name
 
 
+def debevec(frames: Sequence[Frame], encoding: str) -> tuple[dict[str, Image], dict[str, object]]:
+    """Channels and header of the baseline of Debevec and Malik (1997), in white a second: R G B and flags.
+
+    Without an encoding the response is recovered from the bracket, as they do. Where no exposure has a weight (codes
+    0 and 255 have none) the value is not a number, flagged as saturated or dark.
+    """
+    for frame in frames:
+        if is_raw(frame.path):
+            raise InputError(f"{frame.path}: is RAW, but --method debevec is for photographs; leave it out")
+    ordered = sorted(frames, key=lambda frame: -frame.nominal_s)
+    seconds = np.array([frame.nominal_s for frame in ordered])
+    name, decoder = decoder_of(encoding, [frame.path for frame in ordered], seconds.tolist(), None)
+    bracket = read_bracket(Taken("bracket", "light", 0, None, None, tuple(frames)), parse("linear"))
+    codes = np.round(bracket.planes / (FULL / (CODES - 1))).astype(np.uint8)
+    curve = decoder if isinstance(decoder, Curve) else Curve(tuple(decoder.decode(np.arange(CODES) / (CODES - 1))))
+    value = merge_debevec(codes, seconds, curve)[:, ::-1]
+    flags = np.where(np.isnan(value), np.where(codes[-1, :, ::-1] > CODES // 2, SATURATED, DARK), 0)
+    channels = {channel: np.ascontiguousarray(value[k]) for k, channel in enumerate("RGB")}
+    channels["flags"] = np.bitwise_or.reduce(flags, axis=0).astype(np.float32)
+    header: dict[str, object] = {
+        "kinran:unit": "white per second",
+        "kinran:colour": f"linear Rec. 709 ({name} photographs)",
+        "kinran:method": "Debevec and Malik 1997",
+        "chromaticities": REC709,
+    }
+    return channels, header
+
+
 def write(path: Path, merged: Superpixels, bracket: Bracket, camera: Camera, encoding: str) -> None:
     """Write the EXR, upright and top row first."""
     unit = FULL if encoding else 1
@@ -112,6 +151,7 @@ def write(path: Path, merged: Superpixels, bracket: Bracket, camera: Camera, enc
             {
                 "counts_per_electron": camera.response.gain,
                 "read_counts": camera.response.read,
+                "relative_coding": camera.response.coding,
                 "saturation_counts": camera.response.saturation,
                 "black_counts": [float(value) for value in bracket.black],
             }

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran.files import InputError, write_json
-from kinran.plans import read_plan
+from kinran.geometry import relative_light
+from kinran.plans import Plan, read_plan
 from kinran.radiance.calibration import Calibration, read_calibration
 from kinran.radiance.lamp import lamp_gains, level
 from kinran.radiance.radiometry import to_radiance
@@ -47,7 +48,8 @@ def main(args: argparse.Namespace) -> None:
     wanted = [index for index in lights if index // SHARD in shards]
     if missing := [plan.lights[index].name for index in wanted if index not in by_light]:
         raise InputError(f"{args.manifest}: has no shot of light '{missing[0]}'; capture the group again")
-    gains = measure_gains(shots, calibration, args.manifest)
+    rig = plan.kind == "grid"
+    gains = measure_gains(shots, calibration, args.manifest) if rig else distance_gains(shots, plan)
     saturated, samples = 0, 0
     for k, shard in enumerate(shards):
         inside = [index for index in wanted if index // SHARD == shard]
@@ -75,11 +77,19 @@ def main(args: argparse.Namespace) -> None:
         write_json(args.receipt, receipt)
 
 
+def distance_gains(shots: list[Taken], plan: Plan) -> dict[str, float]:
+    """Light of equal lamps at each shot of photographs, by their distances; 1 where these are not known."""
+    positions = [light.position_mm for light in plan.lights if light.position_mm]
+    known = len(positions) == len(plan.lights)
+    gains = relative_light(positions) if known else np.ones(len(plan.lights))
+    return {shot.shot: float(gains[shot.light or 0]) for shot in shots}
+
+
 def measure_gains(shots: list[Taken], calibration: Calibration, manifest: Path) -> dict[str, float]:
-    """Light of the lamp at each shot of a group; 1 for photographs."""
+    """Light of the rig's lamp at each shot of a group."""
     camera = calibration.camera
-    if camera is None or calibration.encoding:
-        return {shot.shot: 1.0 for shot in shots}
+    if camera is None:
+        raise InputError(f"{manifest}: is of a rig, but its calibration is of photographs; calibrate again")
     monitors = [shot for shot in shots if shot.kind == "monitor"]
     levels = {shot.shot: level(*merge_bracket(read_bracket(shot), camera)) for shot in monitors}
     return lamp_gains(shots, camera, levels, manifest)
@@ -90,6 +100,7 @@ def merge_shot(
 ) -> tuple[Image, Flags]:
     """Radiance (y, x, 3) of a shot of the light at (θ, φ) in the stack's unit, and its flags."""
     if calibration.camera is None:
-        return read_light(shot, calibration)
+        light, flags = read_light(shot, calibration)
+        return light / np.float32(gains[shot.shot]), flags
     rate, flags = merge_bracket(read_shot(shot, calibration), calibration.camera)
     return to_radiance(rate, flags, calibration.camera, gains[shot.shot], theta, phi)

@@ -1,9 +1,10 @@
 """Noise of a camera from a bracket of any still scene, by how its exposures predict each other; σ of a stack."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 from kinran.radiance.bracket import MARGIN, TAPER
 
@@ -12,14 +13,27 @@ Counts = NDArray[np.uint16]
 
 MOST_SITES = 300_000
 BINS = 24
+LEAST_IN_BIN = 30
+MOST_CUT = 0.005
+LEAST_GAIN = 1e-7
+"""Of saturation."""
 ROUNDING = 12**-0.5
 
 
-def measure_noise(planes: Counts, black: Array, seconds: Array, clip: float) -> tuple[float, float]:
-    """Counts per electron and read noise in counts.
+class Noise(NamedTuple):
+    """Noise of a camera; attributes as of `Response`."""
+
+    gain: float
+    read: float
+    coding: float
+
+
+def measure_noise(planes: Counts, black: Array, seconds: Array, clip: float) -> Noise:
+    """Noise of a camera from one of its brackets.
 
     What a longer exposure predicts of the next shorter one, r y, differs from it by noise alone: the scene and the
-    pixels' own responses cancel. The variance is gain m (1 + r) + read² (1 + r²) for a prediction of m counts.
+    pixels' own responses cancel. The variance is gain m (1 + r) + read² (1 + r²) + 2 coding² m² for a prediction of
+    m counts. Levels at which darkness is cut off at 0, as in photographs, tell nothing.
 
     Parameters
     ----------
@@ -31,8 +45,9 @@ def measure_noise(planes: Counts, black: Array, seconds: Array, clip: float) -> 
     clip
         Counts over black of saturation.
     """
+    least = np.array([clip * LEAST_GAIN, rounding(planes) ** 2, 0.0])
     if len(planes) == 1:
-        return _of_neighbours(planes[0], black[0], clip)
+        return _of_neighbours(planes[0], black[0], clip, least)
     rows, variances, weights = [], [], []
     step = max(1, round((planes[0].size / MOST_SITES) ** 0.5))
     some = planes[:, :, ::step, ::step]
@@ -42,11 +57,13 @@ def measure_noise(planes: Counts, black: Array, seconds: Array, clip: float) -> 
         predicted = longer * r[:, None]
         difference = some[k + 1] - black[k + 1, :, None, None] - predicted
         open_ = (longer < 0.9 * clip) & (longer > -0.01 * clip)
-        for level, variance, count in _bins(predicted[open_], difference[open_]):
-            rows.append([max(level, 0.0) * (1 + r.mean()), 1 + r.mean() ** 2])
+        cut = np.minimum(some[k], some[k + 1]) == 0
+        for level, variance, count in _bins(predicted[open_], difference[open_], cut[open_]):
+            m, mean = max(level, 0.0), float(r.mean())
+            rows.append([m * (1 + mean), 1 + mean**2, 0.0 if len(planes[0]) == 4 else 2 * m * m])
             variances.append(variance)
             weights.append(np.sqrt(count))
-    return _solve(np.array(rows), np.array(variances), np.array(weights), clip, rounding(planes))
+    return _solve(np.array(rows).reshape(-1, 3), np.array(variances), np.array(weights), clip, least)
 
 
 def sigma(radiance: NDArray[np.float32], noise: dict[str, Any]) -> Array:
@@ -63,12 +80,13 @@ def sigma(radiance: NDArray[np.float32], noise: dict[str, Any]) -> Array:
     """
     rate = np.maximum(np.asarray(radiance, float), 0) * np.array(noise["white_counts_per_second"])
     gain, read, clip = noise["counts_per_electron"], noise["read_counts"], MARGIN * noise["saturation_counts"]
+    coding = noise.get("relative_coding", 0.0)
     information = np.zeros_like(rate)
     for seconds in noise["seconds"]:
         expected = rate * seconds
         shortest = seconds == min(noise["seconds"])
         weight = expected < clip if shortest else np.clip((clip - expected) / (clip * (1 - TAPER)), 0, 1)
-        information += weight * seconds**2 / (gain * expected + read**2)
+        information += weight * seconds**2 / (expected * (gain + coding**2 * expected) + read**2)
     sites = np.array([1, 2, 1]) if noise.get("planes", 4) == 4 else np.ones(3)
     with np.errstate(divide="ignore"):
         variance = 1 / (information * sites) + (noise["relative_prnu"] * rate) ** 2 / sites
@@ -81,30 +99,30 @@ def rounding(planes: Counts) -> float:
     return float(np.diff(seen).min() * ROUNDING) if len(seen) > 1 else ROUNDING
 
 
-def _of_neighbours(planes: Counts, black: Array, clip: float) -> tuple[float, float]:
+def _of_neighbours(planes: Counts, black: Array, clip: float, least: Array) -> Noise:
     """Of one frame: from neighbouring sites, so that texture counts as noise; too much rather than too little."""
     one, other = (planes[1], planes[2]) if len(planes) == 4 else (planes[1, :, ::2][:, :-1], planes[1, :, 1::2])
     width = min(one.shape[1], other.shape[1])
-    pair = np.stack([one[:, :width], other[:, :width]]).reshape(2, -1) - black[1]
-    mean, difference = pair.mean(0), pair[0] - pair[1]
+    pair = np.stack([one[:, :width], other[:, :width]]).reshape(2, -1)
+    mean, difference = (pair - black[1]).mean(0), pair[0].astype(float) - pair[1]
     open_ = mean < 0.9 * clip
-    found = _bins(mean[open_], difference[open_])
-    rows = np.array([[2 * max(level, 0.0), 2.0] for level, _, _ in found])
+    found = _bins(mean[open_], difference[open_], (pair.min(0) == 0)[open_])
+    rows = np.array([[2 * max(level, 0.0), 2.0, 0.0] for level, _, _ in found])
     return _solve(
-        rows.reshape(-1, 2),
+        rows.reshape(-1, 3),
         np.array([variance for _, variance, _ in found]),
         np.array([np.sqrt(count) for _, _, count in found]),
         clip,
-        rounding(planes),
+        least,
     )
 
 
-def _bins(level: Array, difference: Array) -> list[tuple[float, float, int]]:
-    """Mean level, variance without outliers, and number in bins of equal number."""
+def _bins(level: Array, difference: Array, cut: NDArray[np.bool_]) -> list[tuple[float, float, int]]:
+    """Mean level, variance without outliers, and number in bins of equal number, without those that are cut off."""
     order = np.argsort(level, kind="stable")
     found = []
     for part in np.array_split(order, BINS):
-        if len(part) < 30:
+        if len(part) < LEAST_IN_BIN or cut[part].mean() > MOST_CUT:
             continue
         kept = difference[part]
         for _ in range(4):
@@ -113,20 +131,15 @@ def _bins(level: Array, difference: Array) -> list[tuple[float, float, int]]:
     return found
 
 
-def _solve(rows: Array, variances: Array, weights: Array, clip: float, rounding: float) -> tuple[float, float]:
-    """Least squares for (gain, read²), each variance weighted by its own error, twice; both stay over their least."""
-    least = np.array([clip * 1e-7, rounding**2])
+def _solve(rows: Array, variances: Array, weights: Array, clip: float, least: Array) -> Noise:
+    """Least squares for (gain, read², coding²), each variance weighted by its own error; all stay over their least."""
     if len(rows) < 2:
-        return float(clip / 30_000), float(max(rounding, 1e-3 * clip))
-    model = np.maximum(variances, rounding**2)
-    solution = least
+        return Noise(float(clip / 30_000), float(max(np.sqrt(least[1]), 1e-3 * clip)), 0.0)
+    model = np.maximum(variances, least[1])
     for _ in range(3):
         w = weights / model
-        solution = np.maximum(np.linalg.lstsq(rows * w[:, None], variances * w, rcond=None)[0], 0)
-        for fixed in (0, 1):  # one that would be negative stays at its least, the other follows
-            if solution[fixed] < least[fixed]:
-                other = 1 - fixed
-                column, rest = rows[:, other] * w, (variances - rows[:, fixed] * least[fixed]) * w
-                solution[fixed], solution[other] = least[fixed], max(column @ rest / (column @ column), least[other])
-        model = np.maximum(rows @ solution, rounding**2)
-    return float(solution[0]), float(np.sqrt(solution[1]))
+        scale = np.maximum(np.abs(rows * w[:, None]).max(0), 1e-30)
+        over, _ = nnls(rows * w[:, None] / scale, (variances - rows @ least) * w)
+        solution = least + over / scale
+        model = np.maximum(rows @ solution, least[1])
+    return Noise(float(solution[0]), float(np.sqrt(solution[1])), float(np.sqrt(solution[2])))

@@ -5,10 +5,13 @@ from numpy.typing import NDArray
 
 from kinran.radiance.calibration import Camera
 from kinran.radiance.flat import divide, nearest
-from kinran.radiance.glare import remove_glare
+from kinran.radiance.glare import lift, veil
 
 Image = NDArray[np.float32]
 Flags = NDArray[np.uint8]
+
+STRIP = 64
+"""Rows at a time, so that what is temporary stays small."""
 
 
 def to_radiance(
@@ -28,8 +31,17 @@ def to_radiance(
     theta, phi
         Direction of the light in degrees, for its flat field.
     """
-    value = remove_glare(rate, flags, camera.glare)
+    height, width, _ = rate.shape
     flat = nearest(camera.flats, theta, phi)
-    if flat is not None:
-        value, flags = divide(value, flags, flat.values(*rate.shape[:2]))
-    return np.asarray(value / (np.array(camera.white, np.float32) * np.float32(lamp)), np.float32), flags
+    light = veil(rate, flags, camera.glare)
+    white = np.array(camera.white, np.float32) * np.float32(lamp)
+    radiance, bits = np.empty_like(rate), np.empty_like(flags)
+    for first in range(0, height, STRIP):
+        rows = slice(first, min(first + STRIP, height))
+        value, bits[rows] = rate[rows], flags[rows]
+        if camera.glare:
+            value = lift(value, bits[rows], light)
+        if flat is not None:
+            value, bits[rows] = divide(value, bits[rows], flat.values(height, width, rows))
+        np.divide(value, white, out=radiance[rows])
+    return radiance, bits

@@ -1,5 +1,6 @@
 """The shots that a manifest lists, and their frames as brackets of counts."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -24,6 +25,9 @@ MISLABELLED = 0.10
 FULL = 65535
 """Counts of white of a photograph."""
 APERTURE = 0.02
+STRIP = 64
+"""Rows of a photograph that are decoded at a time, so that what is temporary stays small."""
+SAME_KIND = {".jpeg": ".jpg", ".tiff": ".tif"}
 
 
 @dataclass(frozen=True)
@@ -127,10 +131,7 @@ def read_bracket(shot: Taken, decoder: Encoding | Curve | None = None, crop: Cro
     for frame, before in zip(ordered[1:], ordered, strict=False):
         if frame.nominal_s == before.nominal_s:
             raise InputError(f"{frame.path}: its exposure {frame.nominal_s:g} s stands twice in shot '{shot.shot}'")
-        if is_raw(frame.path) != is_raw(ordered[0].path):
-            raise InputError(
-                f"{frame.path}: is no file of the kind of {ordered[0].path.name}; merge one kind at a time"
-            )
+    check_kind([frame.path for frame in ordered])
     if not is_raw(ordered[0].path):
         return _photographs(shot, ordered, decoder or parse("srgb"), crop)
     frames: list[RawFrame] = []
@@ -190,14 +191,15 @@ def _photographs(shot: Taken, ordered: list[Frame], decoder: Encoding | Curve, c
     """Bracket of photographs as counts of linear light, of which white has `FULL`."""
     planes = np.empty((0,), np.uint16)
     for k, frame in enumerate(ordered):
-        if frame.path.suffix.lower() == ".exr":
-            raise InputError(f"{frame.path}: is linear radiance already; give the photographs that it is made of")
-        light = decoder.decode(read_photograph(frame.path, parse("linear"), crop).light)
+        codes = read_codes(frame.path, crop)
         if k == 0:
-            planes = np.empty((len(ordered), 3, *light.shape[:2]), np.uint16)
-        if light.shape[:2] != planes.shape[2:]:
+            planes = np.empty((len(ordered), 3, *codes.shape[:2]), np.uint16)
+        if codes.shape[:2] != planes.shape[2:]:
             raise InputError(f"{frame.path}: its size differs from that of {ordered[0].path.name}; use one size")
-        planes[k] = (np.clip(light, 0, 1) * FULL + 0.5).astype(np.uint16).transpose(2, 0, 1)
+        for first in range(0, len(codes), STRIP):
+            rows = slice(first, first + STRIP)
+            light = np.clip(decoder.decode(codes[rows]), 0, 1)
+            planes[k][:, rows] = (light * FULL + 0.5).astype(np.uint16).transpose(2, 0, 1)
     white = float(decoder.decode(np.float32(CLIPPED)))
     return Bracket(
         shot,
@@ -208,6 +210,38 @@ def _photographs(shot: Taken, ordered: list[Frame], decoder: Encoding | Curve, c
         white * FULL,
         frames=tuple(ordered),
     )
+
+
+def read_codes(path: Path, crop: Crop | None) -> Image:
+    """Values (y, x, 3) of a photograph as it has them, of which white is 1.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or holds what is no photograph of a bracket.
+    """
+    if path.suffix.lower() == ".exr":
+        raise InputError(f"{path}: is linear radiance already; give the photographs that it is made of")
+    codes = read_photograph(path, parse("linear"), crop).light
+    if not np.isfinite(codes).all():
+        raise InputError(f"{path}: has values that are no numbers; write it again")
+    if codes.max() > 1.001:
+        raise InputError(f"{path}: has values up to {codes.max():.4g}, but white is 1; scale all frames alike")
+    return codes
+
+
+def check_kind(paths: Sequence[Path]) -> None:
+    """That the frames of a bracket are files of one kind.
+
+    Raises
+    ------
+    InputError
+        One is not.
+    """
+    kinds = [SAME_KIND.get(path.suffix.lower(), path.suffix.lower()) for path in paths]
+    for path, kind in zip(paths, kinds, strict=True):
+        if kind != kinds[0]:
+            raise InputError(f"{path}: is no file of the kind of {paths[0].name}; merge one kind at a time")
 
 
 def site_black(bracket: Bracket, black: tuple[float, ...], masked: bool) -> NDArray[np.float64]:

@@ -7,15 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran.files import InputError
-from kinran.radiance.bracket import DARK_SIGMA, estimate_rows
+from kinran.radiance.bracket import DARK_SIGMA, Merged, estimate_rows
 from kinran.radiance.calibration import Camera
 from kinran.radiance.exposures import ratio, ratio_to, row_seconds
-from kinran.radiance.shots import MISLABELLED, Bracket, site_black
+from kinran.radiance.shots import FULL, MISLABELLED, Bracket, site_black
 from kinran.stack import DARK, HOT, SATURATED, SHIFTED
 
 Image = NDArray[np.float32]
 Flags = NDArray[np.uint8]
 Array = NDArray[np.float64]
+Sites = NDArray[np.intp]
 
 STRIP = 64
 """Rows that are merged at a time, so that what is temporary stays small."""
@@ -47,8 +48,7 @@ class Superpixels(NamedTuple):
 
 def merge_bracket(bracket: Bracket, camera: Camera) -> tuple[Image, Flags]:
     """`merge_sites` without σ, which follows from the value and the noise model."""
-    merged = merge_sites(bracket, camera)
-    return merged.rate, merged.flags
+    return _merge(bracket, camera, np.empty((STRIP, bracket.planes.shape[3], 3), np.float32))
 
 
 def merge_sites(bracket: Bracket, camera: Camera) -> Superpixels:
@@ -60,65 +60,92 @@ def merge_sites(bracket: Bracket, camera: Camera) -> Superpixels:
         An exposure is not the one that its name says, a frame has moved, or darkness or saturation are not those of
         the calibration.
     """
+    sigma = np.empty((*bracket.planes.shape[2:], 3), np.float32)
+    rate, flags = _merge(bracket, camera, sigma)
+    return Superpixels(rate, sigma, flags)
+
+
+def _merge(bracket: Bracket, camera: Camera, sigma: Image) -> tuple[Image, Flags]:
+    """Rate and flags; σ goes to an array of all rows, or of those of a strip, where nobody wants it."""
     black = site_black(bracket, camera.black, camera.masked)
     _check_depth(bracket, black, camera)
     seconds = shot_seconds(bracket, black, camera)
     height, width = bracket.planes.shape[2:]
-    bad = np.zeros(bracket.planes.shape[1:], bool)
-    bad[tuple(np.array(camera.bad, int).reshape(-1, 3).T)] = True
-    merged = Superpixels(*(np.empty((height, width, 3), kind) for kind in (np.float32, np.float32, np.uint8)))
+    bad = np.array(camera.bad, np.intp).reshape(-1, 3)
+    rate, flags = np.empty((height, width, 3), np.float32), np.empty((height, width, 3), np.uint8)
     below, apart = 0, 0
     for first in range(0, height, STRIP):
-        rows = slice(first, min(first + STRIP, height))
-        sites = estimate_rows(bracket.planes, black, seconds, camera.response, rows.start, rows.stop)
-        counted = _combine(*sites, bad[:, rows], *(part[rows] for part in merged))
+        last, at = min(first + STRIP, height), first % len(sigma)
+        sites = estimate_rows(bracket.planes, black, seconds, camera.response, first, last)
+        _take_other_green(sites, bad[(bad[:, 1] >= first) & (bad[:, 1] < last)], first)
+        counted = _combine(*sites, rate[first:last], sigma[at : at + last - first], flags[first:last])
         below, apart = below + counted[0], apart + counted[1]
-    _check(bracket, black, seconds, below / merged.rate.size, apart / merged.rate.size)
-    if camera.bad:
-        _fill(merged)
-    return merged
+    _check(bracket, black, seconds, below / rate.size, apart / rate.size)
+    hot = _hot_samples(bad, bracket.planes.shape[1])
+    flags[tuple(hot.T)] |= HOT
+    _fill(rate, flags, hot)
+    return rate, flags
 
 
-@nb.njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator,unused-ignore]
-def _combine(
-    site: Image, spread: Image, apart: Flags, bad: Flags, rate: Image, sigma: Image, flags: Flags
-) -> tuple[int, int]:
-    """Sites (plane, y, x) to superpixels; of two greens the good ones, or both if both are bad.
+def _hot_samples(bad: Sites, planes: int) -> Sites:
+    """Samples (n, 3) of y, x, channel that have no good site: R, B, and green where both are bad."""
+    green = bad[(bad[:, 0] > 0) & (bad[:, 0] < planes - 1)]
+    places, count = np.unique(green[:, 1:], axis=0, return_counts=True)
+    others = bad[(bad[:, 0] == 0) | (bad[:, 0] == planes - 1)]
+    single = np.column_stack([others[:, 1:], np.where(others[:, 0] > 0, 2, 0)])
+    both = places[count == planes - 2]
+    return np.concatenate([single, np.column_stack([both, np.ones(len(both), np.intp)])])
+
+
+def _take_other_green(sites: Merged, bad: Sites, first: int) -> None:
+    """Give bad greens of a Bayer sensor the other one's value, so that their mean is its value with its σ."""
+    if len(sites.rate) != 4:
+        return
+    for plane in (1, 2):
+        at = bad[bad[:, 0] == plane]
+        here, there = (plane, at[:, 1] - first, at[:, 2]), (3 - plane, at[:, 1] - first, at[:, 2])
+        sites.rate[here] = sites.rate[there]
+        sites.sigma[here] = np.sqrt(np.float32(2)) * sites.sigma[there]
+        sites.apart[here] = sites.apart[there]
+
+
+@nb.njit(cache=True, error_model="numpy", fastmath={"nsz", "arcp", "contract", "reassoc"})  # type: ignore[untyped-decorator,unused-ignore]
+def _combine(site: Image, spread: Image, apart: Flags, rate: Image, sigma: Image, flags: Flags) -> tuple[int, int]:
+    """Sites (plane, y, x) to superpixels; one loop without branches, so that it vectorises.
 
     Returns
     -------
     below, moved : int
         Samples that are under darkness by five σ, and whose exposures disagree.
     """
-    below, moved = 0, 0
     last = site.shape[0] - 1
+    half, far = np.float32(0.5), np.float32(-5)
+    share = half if last == 3 else half**half  # the second green of photographs is the first one
+    below, moved = 0, 0
     for y in range(rate.shape[0]):
         for x in range(rate.shape[1]):
-            for c in range(3):
-                a, b = (0, 0) if c == 0 else (last, last) if c == 2 else (1, last - 1)
-                hot = bad[a, y, x] and bad[b, y, x]
-                if not hot and bad[a, y, x]:
-                    a = b
-                if not hot and bad[b, y, x]:
-                    b = a
-                value = np.float32(0.5) * (site[a, y, x] + site[b, y, x])
-                error = spread[a, y, x]
-                if a != b:
-                    error = np.float32(0.5) * np.sqrt(error * error + spread[b, y, x] * spread[b, y, x])
-                bits = 0
-                if np.isinf(error):
-                    bits |= SATURATED
-                elif value < np.float32(DARK_SIGMA) * error:
-                    bits |= DARK
-                if hot:
-                    bits |= HOT
-                if value < np.float32(-5) * error:
-                    below += 1
-                if apart[a, y, x] or apart[b, y, x]:
-                    bits |= SHIFTED
-                    moved += 1
-                rate[y, x, c], sigma[y, x, c], flags[y, x, c] = value, error, bits
+            r, g, b = site[0, y, x], half * (site[1, y, x] + site[last - 1, y, x]), site[last, y, x]
+            one, other = spread[1, y, x], spread[last - 1, y, x]
+            error_r, error_b = spread[0, y, x], spread[last, y, x]
+            error_g = share * np.sqrt(one * one + other * other)
+            moved_r, moved_b = apart[0, y, x], apart[last, y, x]
+            moved_g = apart[1, y, x] | apart[last - 1, y, x]
+            rate[y, x, 0], rate[y, x, 1], rate[y, x, 2] = r, g, b
+            sigma[y, x, 0], sigma[y, x, 1], sigma[y, x, 2] = error_r, error_g, error_b
+            flags[y, x, 0] = _bits(r, error_r, moved_r)
+            flags[y, x, 1] = _bits(g, error_g, moved_g)
+            flags[y, x, 2] = _bits(b, error_b, moved_b)
+            below += (r < far * error_r) + (g < far * error_g) + (b < far * error_b)
+            moved += moved_r + moved_g + moved_b
     return below, moved
+
+
+@nb.njit(inline="always")  # type: ignore[untyped-decorator,unused-ignore]
+def _bits(value: np.float32, error: np.float32, apart: np.bool_) -> np.uint8:
+    """Flags of a sample."""
+    full = error == np.float32(np.inf)
+    dark = (value < np.float32(DARK_SIGMA) * error) & (not full)
+    return np.uint8(np.uint8(full) * SATURATED | np.uint8(dark) * DARK | np.uint8(apart) * SHIFTED)
 
 
 def shot_seconds(bracket: Bracket, black: Array, camera: Camera) -> Array:
@@ -180,8 +207,11 @@ def _check_depth(bracket: Bracket, black: Array, camera: Camera) -> None:
     """That counts end where the calibration says."""
     planes, full = bracket.planes[0], camera.response.saturation
     top = float(planes.max()) - float(black[0].mean())
-    piled = float((planes[:, ::4, ::4] >= planes.max() * 0.999).mean())
-    if top > OTHER_DEPTH * full or (piled > 0.02 and top < 0.95 * full and top > 0.02 * full):
+    piled = planes[:, ::4, ::4] >= planes.max() * 0.999
+    # (a flat part of a photograph may well have one code)
+    many = bracket.bayer and piled.mean() > 0.02 and piled.sum() >= LEAST_SITES
+    deeper = top > OTHER_DEPTH * full and (bracket.bayer or full < 0.8 * FULL)  # else white itself is the last code
+    if deeper or (many and 0.02 * full < top < 0.95 * full):
         raise InputError(
             f"{_file(bracket, 0)}: counts end at {top:.0f} over black but those of the calibration at {full:.0f};"
             " it is of another ISO, bit depth or camera: shoot the calibration with the same settings"
@@ -203,18 +233,26 @@ def _outlier(bracket: Bracket, black: Array, seconds: Array) -> int:
     """The exposure that differs most from what its neighbours say, on the green sites."""
     rates = (bracket.planes[:, 1] - black[:, 1, None, None]) / seconds[:, :, None]
     lit = bracket.planes[:, 1] < 0.9 * bracket.planes.max()
-    middle = np.nanmedian(np.where(lit, rates, np.nan), axis=0, keepdims=True) if len(rates) else rates
+    some = lit.any(0)
+    rates, lit = rates[:, some], lit[:, some]
+    middle = np.nanmedian(np.where(lit, rates, np.nan), axis=0, keepdims=True)
     with np.errstate(invalid="ignore", divide="ignore"):
         off = np.where(lit & (middle > 0), np.abs(rates / middle - 1), np.nan)
     share = [float(np.nanmedian(one)) if np.isfinite(one).any() else 0.0 for one in off]
     return int(np.argmax(share))
 
 
-def _fill(merged: Superpixels) -> None:
-    """Give hot samples the mean of their good neighbours; the flag stays."""
-    height, width, _ = merged.rate.shape
-    for y, x, c in np.argwhere((merged.flags & HOT) > 0):
-        near = np.s_[max(y - 1, 0) : min(y + 2, height), max(x - 1, 0) : min(x + 2, width), c]
-        good = (merged.flags[near] & (HOT | SATURATED)) == 0
-        if good.any():
-            merged.rate[y, x, c] = merged.rate[near][good].mean()
+@nb.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _fill(rate: Image, flags: Flags, hot: Sites) -> None:
+    """Give hot samples (n, 3) the mean of their good neighbours; the flag stays."""
+    height, width, _ = rate.shape
+    for k in range(len(hot)):
+        y, x, c = hot[k]
+        total, good = 0.0, 0
+        for v in range(max(y - 1, 0), min(y + 2, height)):
+            for u in range(max(x - 1, 0), min(x + 2, width)):
+                if flags[v, u, c] & (HOT | SATURATED) == 0:
+                    total += rate[v, u, c]
+                    good += 1
+        if good:
+            rate[y, x, c] = total / good

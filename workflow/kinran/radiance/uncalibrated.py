@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from kinran.encoding import Encoding, parse
 from kinran.files import InputError
 from kinran.photographs import CLIPPED, Crop
-from kinran.photographs import read as read_photograph
 from kinran.radiance.bracket import MARGIN, Response, guarded
 from kinran.radiance.calibration import Camera
 from kinran.radiance.exposures import discrepancy, measure, row_seconds, third_stop
 from kinran.radiance.noise import measure_noise
-from kinran.radiance.response import Curve, recover
-from kinran.radiance.shots import FULL, MISLABELLED, Bracket
+from kinran.radiance.response import CODES, Curve, recover
+from kinran.radiance.shots import FULL, MISLABELLED, Bracket, check_kind, read_codes
 from kinran.radiance.superpixels import mislabelled
 
 Array = NDArray[np.float64]
@@ -27,6 +26,9 @@ PILED = 2e-4
 LEAST_PILED = 100
 WARNED = 0.02
 LEAST_SITES = 200
+MOST_PIXELS, STRIP = 1_000_000, 32
+"""Pixels that are enough to tell an encoding, and rows of a strip of them."""
+LEAST_CODE = 8 / 255
 STEADY_LAMP = 0.04
 UNSTEADY = 0.05
 """An encoding under which the ratio of two exposures varies more with the level is not that of the photographs."""
@@ -65,10 +67,10 @@ def describe(brackets: Sequence[Bracket]) -> Camera:
             )
     rows = row_seconds([e.seconds for e in exposures], [e.curtain for e in exposures], first.planes.shape[2])
     noises = [measure_noise(b.planes, black, rows, rough.clip) for b, black in zip(brackets[:4], blacks, strict=False)]
-    gain, read = (float(np.median(part)) for part in zip(*noises, strict=True))
+    gain, read, coding = (float(np.median(part)) for part in zip(*noises, strict=True))
     black = tuple(float(value) for value in (np.zeros(planes) if first.masked else blacks[0].mean(0)))
     white = (1.0, 1.0, 1.0)
-    return Camera(black, first.masked, Response(saturation, gain, read), exposures, (), white, None, None)
+    return Camera(black, first.masked, Response(saturation, gain, read, coding), exposures, (), white, None, None)
 
 
 def saturation_of(brackets: Sequence[Bracket]) -> float:
@@ -80,6 +82,8 @@ def saturation_of(brackets: Sequence[Bracket]) -> float:
     black = float(first.black.mean())
     full = 1.0 if first.bayer else MARGIN  # a photograph's white is where its codes end, with no spread
     stated = first.white - black
+    if not first.bayer and np.count_nonzero(np.bincount(first.planes[0].ravel())) <= CODES:
+        return stated / full  # 8 bits end at their last code
     tops, piles = zip(*(_pile(bracket.planes[0]) for bracket in brackets), strict=True)
     measured = [pile - black for pile in piles if pile > max(0.97 * max(tops), 2 * black)]
     return float(min([stated, *measured]) / full)
@@ -121,18 +125,17 @@ def decoder_of(
     InputError
         Nothing makes them linear.
     """
+    check_kind(paths)
     if name not in ("", RECOVERED) and not doubted:
         return name, parse(name)
     order = np.argsort(-np.asarray(seconds), kind="stable")
-    values = [read_photograph(paths[k], parse("linear"), crop).light for k in order]
-    if any(value.shape != values[0].shape for value in values):
-        raise InputError(f"{paths[0]}: has another size than the other frames of its bracket; use one size")
-    codes = np.stack(values)
+    codes = _some_codes([paths[k] for k in order], crop)
+    eight = _eight_bits(codes, [paths[k] for k in order])
     top = float(codes.max())
-    if top < 0.9 and (codes[0] > 0.999 * top).mean() > PILED:  # 12 bits in 16
+    if not eight and top < 0.9 and (codes[0] > 0.999 * top).mean() > PILED:  # 12 bits in 16
         codes = codes / np.float32(top)
     times = np.asarray(seconds, float)[order]
-    usual = "srgb" if np.allclose(codes * 255, np.round(codes * 255), atol=1e-3) else "linear"
+    usual = "srgb" if eight else "linear"
     if len(paths) == 1 or math.isnan(unsteadiness(codes, parse("linear"), times)):
         chosen = usual if name == "" else name
         return (chosen, parse(chosen)) if chosen != RECOVERED else _unknown(paths[0])
@@ -147,6 +150,36 @@ def decoder_of(
     if unsteadiness(codes, curve, times) > 2 * UNSTEADY:
         _unknown(paths[0])
     return RECOVERED, curve
+
+
+def _some_codes(paths: Sequence[Path], crop: Crop | None) -> NDArray[np.float32]:
+    """Codes (exposure, y, x, 3) of strips of all frames, so that not all of their pixels are in memory."""
+    parts: list[NDArray[np.float32]] = []
+    shape: tuple[int, ...] = ()
+    for path in paths:
+        whole = read_codes(path, crop)
+        shape = shape or whole.shape
+        if whole.shape != shape:
+            raise InputError(f"{path}: has another size than the other frames of its bracket; use one size")
+        height, width, _ = shape
+        strips = MOST_PIXELS // (STRIP * width) + 1
+        starts = np.linspace(0, max(height - STRIP, 0), strips).astype(int)
+        rows = (starts[:, None] + np.arange(STRIP)).ravel() if strips * STRIP < height else slice(None)
+        parts.append(whole[rows])
+    return np.stack(parts)
+
+
+def _eight_bits(codes: NDArray[np.float32], paths: Sequence[Path]) -> bool:
+    """Whether photographs have 8 bits; frames of black and white alone do not tell."""
+    telling = [k for k, code in enumerate(codes) if ((code > 0) & (code < 1)).any()]
+    eight = [bool(np.allclose(codes[k] * 255, np.round(codes[k] * 255), atol=1e-3)) for k in telling]
+    for k, one in zip(telling, eight, strict=True):
+        if one != eight[0]:
+            raise InputError(
+                f"{paths[k]}: has {8 if one else 16} bits but {paths[telling[0]].name} {16 if one else 8}; merge frames"
+                " of one depth"
+            )
+    return all(eight)
 
 
 def unsteadiness(codes: NDArray[np.float32], decoder: Encoding | Curve, seconds: Array) -> float:
@@ -171,11 +204,14 @@ def unsteadiness(codes: NDArray[np.float32], decoder: Encoding | Curve, seconds:
     for k in range(len(codes) - 1):
         longer, shorter = codes[k, ..., 1], codes[k + 1, ..., 1]
         clean = guarded((longer * FULL).astype(np.uint16), 0.97 * CLIPPED * FULL) > 0
-        use = clean & (longer > 12 / 255) & (shorter > 8 / 255)
+        a, b = decoder.decode(longer), decoder.decode(shorter)
+        # by the longer one alone: who chooses among noisy counts by themselves finds them too bright
+        lit = a * np.float32(seconds[k + 1] / seconds[k]) > float(decoder.decode(LEAST_CODE))
+        use = clean & lit & (longer > 1.5 * LEAST_CODE)
         if use.sum() < LEAST_SITES:
             continue
-        a, b = decoder.decode(longer[use]), decoder.decode(shorter[use])
-        parts = np.array_split(np.argsort(a + b, kind="stable"), 8)
+        a, b = a[use], b[use]
+        parts = np.array_split(np.argsort(a, kind="stable"), 8)
         logs = [np.log(a[part].sum(dtype=float) / max(b[part].sum(dtype=float), 1e-9)) for part in parts]
         off = abs(float(np.mean(logs)) - np.log(seconds[k] / seconds[k + 1]))
         spread.append(float(np.hypot(np.std(logs), max(off - STEADY_LAMP, 0.0))))
@@ -183,4 +219,6 @@ def unsteadiness(codes: NDArray[np.float32], decoder: Encoding | Curve, seconds:
 
 
 def _unknown(path: Path) -> tuple[str, Encoding | Curve]:
-    raise InputError(f"{path}: no response makes its bracket consistent; check the times, or give --encoding")
+    raise InputError(
+        f"{path}: no response makes its bracket consistent; check the times and that nothing moved, or give --encoding"
+    )

@@ -166,9 +166,29 @@ def by_angle(
             x = left + (width - left - 10) * theta / 90
             y = height - bottom - (height - top - bottom) * (value - low) / (high - low)
             parts.append(_dot(x, y, 3.2, colour(s), f"{name}: θ {theta:.0f}°, {value:.2f}"))
-        x = left + 130 * (s + 1)
+        x = left + 90 + s * min(130, (width - left - 90) / len(series))
         parts.append(
             f'<rect x="{x}" y="6" width="10" height="10" fill="{colour(s)}"/>' + _text(x + 15, 15, name, "start")
         )
     parts.append(_text(width / 2, height - 4, "θ of the light", fill=FAINT))
     return _svg(width, height, parts, f"{y_title} over θ")
+
+
+def swatches(rows: Sequence[tuple[str, str, str, float, str]], columns: int) -> str:
+    """Patches of a colour chart: (name, colour as seen, colour as it should be, ΔE00, why it is left out)."""
+    wide, high, pad = 92, 58, 8
+    width = columns * (wide + pad)
+    parts = []
+    for k, (name, seen, reference, error, left_out) in enumerate(rows):
+        x, y = k % columns * (wide + pad), k // columns * (high + 30)
+        for left, fill in ((x, seen), (x + wide / 2, reference)):
+            parts.append(f'<rect x="{left}" y="{y}" width="{wide / 2}" height="{high}" fill="{fill}"/>')
+        if left_out:
+            ends = f'x1="{x}" y1="{y}" x2="{x + wide}" y2="{y + high}"'
+            parts += [f'<line {ends} stroke="{ink}" stroke-width="{w}"/>' for ink, w in (("#fff", 4), (INK, 1.5))]
+        words = f"{name}: ΔE00 {error:.2f}{f', left out: {left_out}' if left_out else ''}"
+        parts.append(
+            f'<rect x="{x}" y="{y}" width="{wide}" height="{high}" fill="#0000"><title>{escape(words)}</title></rect>'
+        )
+        parts.append(_text(x, y + high + 14, f"{error:.1f}{' (left out)' if left_out else ''}", "start", size=11))
+    return _svg(width, -(-len(rows) // columns) * (high + 30), parts, "Colour chart: seen beside its reference")

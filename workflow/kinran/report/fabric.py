@@ -16,6 +16,8 @@ from kinran.labels import Region, read_labels, read_regions
 from kinran.plans import Plan, read_plan
 from kinran.radiance.calibration import Calibration, read_calibration
 from kinran.report import charts
+from kinran.report.certainty import certainty_section
+from kinran.report.colours import chart_section
 from kinran.report.page import embed, embed_file
 from kinran_bsdf.colours import TO_REC709
 from kinran_bsdf.material import Material, read_material
@@ -43,10 +45,12 @@ def gather(fabric: str, results: Path, captures: Path) -> Values:
         "numbers": _numbers(errors),
         "lights": Markup(charts.lights(_lights(plan, errors["held_out"]))),
         "capture": _capture(plan, captures, calibration),
+        "colours": chart_section(calibration),
         **_regions(results, regions, material, calibration),
         "model": material.model,
         "maps": [(caption, embed(pictures.enlarge(p, MAP_WIDTH))) for caption, p in _maps(material)],
         **_errors(errors, plan),
+        "certainty": certainty_section(results / "fit"),
         **_costs(errors),
         "stages": Markup(charts.bars(stage_times(results / "benchmarks"))),
         "mesh": [(key.replace("_", " "), _plain(value)) for key, value in _mesh(results).items()],
@@ -61,7 +65,8 @@ def _source(plan: Plan, material: Material) -> str:
     if plan.kind == "grid":
         return f"From the rig: {len(plan.lights)} light directions × {len(plan.exposures_s)} exposures, {size}."
     crop = f", crop {plan.crop}" if plan.crop else ""
-    return f"From photographs under {len(plan.lights)} known lights ({plan.encoding}{crop}), {size}."
+    brackets = f" × {len(plan.exposures_s)} exposures" if len(plan.exposures_s) > 1 else ""
+    return f"From photographs under {len(plan.lights)} known lights{brackets} ({plan.encoding}{crop}), {size}."
 
 
 def _render_caption(results: Path, material: Material) -> str:
@@ -104,7 +109,7 @@ def _capture(plan: Plan, captures: Path, calibration: Calibration) -> list[tuple
     rows = [
         ("lights", str(len(plan.lights))),
         ("groups", str(len(manifests))),
-        ("frames", f"{sum(len(shot['frames']) for shot in shots)} ({size / 1e6:.0f} MB)"),
+        ("frames", f"{sum(len(shot['frames']) for shot in shots)} ({size / 1e6:.3g} MB)"),
         ("shot again", str(again)),
     ]
     if plan.duration_s:
@@ -126,12 +131,27 @@ def _capture(plan: Plan, captures: Path, calibration: Calibration) -> list[tuple
                 "saturation / read noise",
                 f"{camera.response.saturation:.0f} / {camera.response.read:.2f} counts",
             ),
-            ("defective sites", str(len(camera.bad))),
         ]
+        if not calibration.encoding:
+            rows.append(("defective sites", str(len(camera.bad))))
     if calibration.delta_e:
         mean, worst = np.mean(calibration.delta_e), max(calibration.delta_e)
         rows.append(("colour chart, ΔE00 leave-one-out", f"{mean:.2f} (worst {worst:.2f})"))
+    else:
+        rows.append(("colours, with no chart", calibration.colour))
+    rows.append(("lamps and camera", _geometry(plan)))
     return rows
+
+
+def _geometry(plan: Plan) -> str:
+    """What is known of where lamps and camera stand."""
+    distances = [math.hypot(*light.position_mm) for light in plan.lights if light.position_mm]
+    if not distances:
+        return "directions alone: as if they stood far away"
+    near, far = min(distances), max(distances)
+    lamps = f"{near:.0f} mm" if far - near < 1 else f"{near:.0f} to {far:.0f} mm"
+    camera = f"{plan.camera_mm:.0f} mm" if plan.camera_mm else "far away"
+    return f"lamps {lamps}, camera {camera}, field {plan.field_mm:.4g} mm wide"
 
 
 def _regions(results: Path, regions: list[Region], material: Material, calibration: Calibration) -> Values:

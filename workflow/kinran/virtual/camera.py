@@ -1,6 +1,7 @@
 """A simulated camera before a virtual fabric; it writes DNG files to a folder that is its card."""
 
 import shutil
+import zlib
 from dataclasses import fields
 from fractions import Fraction
 from functools import lru_cache
@@ -21,6 +22,7 @@ from kinran.virtual.weave import VirtualFabric
 CACHE = Path(".cache/kinran/virtual")
 LEAST_TEXELS = 16
 """LibRaw refuses smaller frames."""
+TAKEN = "taken.txt"
 SUBJECTS = ("fabric", "white", "chart", "dark")
 
 
@@ -45,7 +47,9 @@ class Rig(Protocol):
 
 
 class SimulatedCamera:
-    """A camera whose frames depend only on the scene, the rig and the number of the frame.
+    """A camera whose frames depend on what they show alone: the scene, the rig, the exposure, which repeat it is.
+
+    Neither the order of the groups nor what else was shot changes a frame.
 
     Parameters
     ----------
@@ -57,6 +61,8 @@ class SimulatedCamera:
         Parameters of the `VirtualFabric` by name; what is missing takes its default.
     cache
         Folder in which traced frames are kept.
+    group
+        Group of the plan that is shot: the repeats of a direction in two groups have noise of their own.
 
     Raises
     ------
@@ -66,8 +72,8 @@ class SimulatedCamera:
 
     suffix = ".dng"
 
-    def __init__(self, firmware: Rig, card: Path, scene: dict[str, Any], cache: Path = CACHE) -> None:
-        self._rig, self._card, self._cache = firmware, card, cache
+    def __init__(self, firmware: Rig, card: Path, scene: dict[str, Any], cache: Path = CACHE, group: str = "") -> None:
+        self._rig, self._card, self._cache, self._group = firmware, card, cache, group
         self._fabric = _fabric(scene)
         self._sensor = Sensor()
         self._subject = "fabric"
@@ -83,25 +89,27 @@ class SimulatedCamera:
         """Take one frame at this nominal shutter time (s)."""
         if not 1 / 8000 < seconds <= 30:
             raise CameraError(f"shutter time {seconds:g} s: this camera has 1/4000 s to 30 s")
-        rig, number = self._rig, self._count() + 1
+        rig, taken = self._rig, self._taken()
         theta, phi = self._pose()
         lamp = rig.lamp_output if rig.shutter_open and self._subject != "dark" else 0.0
-        shot = (self._fabric.seed, SUBJECTS.index(self._subject), theta, phi, round(seconds * 1e6), number)
-        clock = round(rig.lamp_seconds * 1000)
+        frame = f"{self._group} {self._subject} {theta} {phi} {round(seconds * 1e6)}"
         bayer = self._sensor.expose(
             self._radiance(theta, phi)[::-1],
             shutter(seconds),
             lamp,
             self._fabric.seed,
-            np.array([*shot, clock], np.uint64),
+            np.array([self._fabric.seed, zlib.crc32(frame.encode()), taken.count(frame)], np.uint64),
         )
+        number = max([len(taken), *(int(path.stem[4:]) for path in self._card.glob(f"IMG_*{self.suffix}"))]) + 1
         path = self._card / f"IMG_{number:05d}{self.suffix}"
+        clock = round(rig.lamp_seconds * 1000)
         temporary = path.with_suffix(".part")
         when = f"2000:01:01 {clock // 3_600_000 % 24:02d}:{clock // 60_000 % 60:02d}:{clock // 1000 % 60:02d}"
         nominal = Fraction(seconds).limit_denominator(100_000)
         write_dng(temporary, bayer, nominal, BORDER, self._sensor.black, 4095, when)
         temporary.replace(path)
-        (self._card / "count").write_text(str(number))
+        with (self._card / TAKEN).open("a") as file:
+            file.write(f"{frame}\n")
 
     def card(self) -> list[str]:
         """Names of the files on the card, oldest first."""
@@ -120,12 +128,10 @@ class SimulatedCamera:
             raise CameraError(f"{name}: no such file on the card; list the card again")
         return self._card / name
 
-    def _count(self) -> int:
-        """Number of the last frame: the camera counts on when files are deleted."""
-        last = [int(path.stem[4:]) for path in self._card.glob(f"IMG_*{self.suffix}")]
-        counter = self._card / "count"
-        text = counter.read_text() if counter.exists() else ""
-        return max([int(text) if text.isdigit() else 0, *last])
+    def _taken(self) -> list[str]:
+        """What was ever taken, a line a frame: the camera counts on when files are deleted."""
+        path = self._card / TAKEN
+        return path.read_text().splitlines() if path.exists() else []
 
     def _pose(self) -> tuple[int, int]:
         """Light θ and φ in millidegrees, to the hundredth of a degree in which scenes are traced."""

@@ -1,0 +1,63 @@
+"""The benchmark of the chart: its stack, its command lines, its targets."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kinran.bench import chart, fit
+from kinran.chart import rows, trial
+from kinran.chart.rows import Row
+from kinran.frames import direction
+from kinran.stack import Stack
+from kinran.virtual.weave import VirtualFabric
+
+
+def test_the_stack_holds_what_the_camera_saw_and_how_bright_it_can_see(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fit, "FABRIC", VirtualFabric(field_mm=0.4, texels=4))
+    poses = np.radians([(0, 0), (40, 0), (40, 90), (80, 355)])
+    lights = direction(*poses.T)
+    seen = np.random.default_rng(0).uniform(0, 2, (4, 16, 3)).astype(np.float32)
+    held = np.array([False, True, False, False])
+    scene = fit.Truth(seen, seen, lights, held, np.ones(4), np.ones(16, bool))
+    chart.write_stack(scene, tmp_path / "s.zarr")
+    stack = Stack.open(tmp_path / "s.zarr")
+    assert [light.grid for light in stack.lights] == [(0, 0), (8, 0), (8, 18), (16, 71)]
+    assert stack.texel_mm == pytest.approx(0.1)
+    tried = trial.read(stack, np.zeros((4, 4), np.intp), np.eye(3))
+    np.testing.assert_allclose(tried.truth[:, :, 0], seen[1], rtol=1e-3)
+    clips = [float(clip[0]) for clip in tried.clips]
+    assert clips == sorted(clips)
+    assert 17 < clips[-1] < 19  # radiance that fills the well in 1/4096 s
+    assert 0.1 < clips[0] < 0.12
+
+
+def test_command_lines_are_those_of_the_stages(tmp_path: Path) -> None:
+    import argparse
+    import importlib
+
+    from kinran.__main__ import COMMANDS
+
+    for name, *words in chart.commands(tmp_path):
+        parser = argparse.ArgumentParser()
+        importlib.import_module(COMMANDS[name][0]).add_arguments(parser)
+        assert parser.parse_args(words).out.parent == tmp_path
+
+
+def test_targets_are_met_or_missed(tmp_path: Path) -> None:
+    table = [
+        Row("f", experiment, setting, f"{method} (x)" if method == "default" else method, "kinran", 9, {measure: value})
+        for (_, experiment, setting, method, measure, most), value in zip(chart.TARGETS, VALUES, strict=True)
+    ]
+    merged = [Row(**{**vars(r), "values": {**r.values, **EXTRA}}) for r in table]
+    rows.write(tmp_path / "chart.csv", merged)
+    found = chart.targets(tmp_path / "chart.csv")
+    assert [row["what"] for row in found] == [target[0] for target in chart.TARGETS]
+    assert found[0]["met"]
+    assert not found[1]["met"]
+
+
+VALUES = (0.07, 0.07, 0.05, 44, 0.1, 0, 0.3)
+EXTRA = {"bytes": 44.0, "texels_above_1": 0.0}

@@ -1,0 +1,78 @@
+"""A small stack on disk with its labels, and the stages of the fit run on it."""
+
+from pathlib import Path
+
+import numpy as np
+
+from kinran.__main__ import main
+from kinran.files import write_json
+from kinran.labels import Region, write_labels, write_regions
+from kinran.stack import Light, write_metadata, write_shards
+from kinran_bsdf.material import Material, read_material
+
+
+class Cloth:
+    """A folder with a stack, labels and regions; `fit` makes a material of it."""
+
+    def __init__(
+        self,
+        folder: Path,
+        radiance: np.ndarray,
+        lights: list[Light],
+        labels: np.ndarray | None = None,
+        texel_mm: float | None = None,
+        camera_mm: tuple[float, float, float] | None = None,
+    ) -> None:
+        self.folder, self.stack = folder, folder / "radiance.zarr"
+        height, width = radiance.shape[1:3]
+        labels = np.zeros((height, width), np.intp) if labels is None else labels
+        write_shards(self.stack, 0, radiance.astype(np.float32), np.zeros(radiance.shape, np.uint8))
+        write_metadata(
+            self.stack, lights, height, width, texel_mm, "", "", "camera", np.eye(3), {"kind": "none"}, camera_mm
+        )
+        one = np.ones((height, width), np.float32)
+        write_labels(folder / "labels.exr", labels, one, labels, one)
+        sizes = np.bincount(labels.ravel())
+        regions = [Region(k, f"thread{k}", int(n), (0.5, 0.5, 0.5), 1.0) for k, n in enumerate(sizes)]
+        write_regions(folder / "regions.json", regions)
+
+    def run(self, stage: str, out: str, *options: object) -> int:
+        given = ["--stack", self.stack, "--labels", self.folder / "labels.exr"]
+        return main([stage, *(str(v) for v in (self.folder / out, *given, *options))])
+
+    def fit(self, *options: object, lobes: tuple[str, int] = ("ggx", 1), prior: bool = False) -> Material:
+        """Material of the stack, by the stages of the pipeline."""
+        kind = ["--lobes", lobes[1], "--tail", lobes[0]]
+        regions = ["--regions", self.folder / "regions.json"]
+        given: list[object] = []
+        if prior:
+            assert self.run("prior", "prior.json", *regions, *kind) == 0
+            given = ["--prior", self.folder / "prior.json"]
+        assert self.run("fit", "run.npz", "--model", "slope", *kind, *given, *options) == 0
+        summary = ["--runs", self.folder / "run.npz", "--summary", self.folder / "slope.json"]
+        assert self.run("material", "slope.exr", *regions, "--model", "slope", *kind, *summary, *options) == 0
+        return read_material(self.folder / "slope.exr")
+
+
+def directions(lights: np.ndarray, distance_mm: float | None = None, every: int = 0) -> list[Light]:
+    """Lights of a stack, every so many held out."""
+    return [
+        Light(
+            f"l{k}",
+            (float(x), float(y), float(z)),
+            None if distance_mm is None else (distance_mm * x, distance_mm * y, distance_mm * z),
+            None,
+            bool(every and k % every == every // 2),
+        )
+        for k, (x, y, z) in enumerate(lights.tolist())
+    ]
+
+
+def pictures(T: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Samples (texel, 3, light) as pictures (light, y, x, 3)."""
+    return T.transpose(2, 0, 1).reshape(T.shape[2], *shape, 3)
+
+
+def no_prior(path: Path, size: int = 7) -> None:
+    """A prior that says nothing."""
+    write_json(path, [{"centre": [0.0] * size, "variance": 0.0}])

@@ -1,0 +1,107 @@
+"""The simplest lobes that explain a fabric, chosen by cross-validation over lights."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cloth_on_disk import Cloth, directions, pictures
+from synthetic_texels import grid, radiance, texels
+
+from kinran.fit import choice
+from kinran_bsdf.material import read_material
+
+SHAPE = (10, 12)
+COUNT = SHAPE[0] * SHAPE[1]
+LABELS = np.repeat([0, 1], COUNT // 2).reshape(SHAPE)
+
+
+def chosen(cloth: Cloth) -> dict:
+    assert cloth.run("choice", "choice.json", "--regions", cloth.folder / "regions.json") == 0
+    return json.loads((cloth.folder / "choice.json").read_text())
+
+
+def cloth(folder: Path, T: np.ndarray, lights: np.ndarray) -> Cloth:
+    noise = 1 + 0.01 * np.random.default_rng(0).standard_normal(T.shape)
+    return Cloth(folder, pictures(T * noise, SHAPE), directions(lights, every=8), LABELS)
+
+
+@pytest.fixture(scope="module")
+def lights() -> np.ndarray:
+    return grid(10, 12)
+
+
+@pytest.fixture(scope="module")
+def half_matte(tmp_path_factory: pytest.TempPathFactory, lights: np.ndarray) -> Cloth:
+    """One GGX lobe on region 0; a cosine alone on region 1."""
+    shapes, colours = texels(COUNT)
+    T = radiance(shapes, colours, lights)
+    T[COUNT // 2 :] = colours[COUNT // 2 :, 1, :, None] * lights[:, 2]
+    return cloth(tmp_path_factory.mktemp("half"), T, lights)
+
+
+def test_a_matte_region_gets_no_lobe_and_a_ggx_one_gets_one(half_matte: Cloth) -> None:
+    found = chosen(half_matte)
+    assert (found["lobes"], found["tail"], found["fitted"]) == (1, "ggx", [0])
+    assert found["regions"]["thread0"]["chosen"] == "one GGX lobe"
+    assert found["regions"]["thread1"]["chosen"] == "lambert"
+    assert found["bytes_per_texel"] == pytest.approx((26 + 6) / 2)
+    assert found["bytes_saved"] == pytest.approx(42 - 16)
+
+
+def test_two_lobes_where_two_are_seen(tmp_path: Path, lights: np.ndarray) -> None:
+    """A narrow lobe and a wide one that face apart: two pay more than the 0.3 dB of their bytes."""
+    shapes, colours = texels(COUNT)
+    other, more = texels(COUNT, seed=1)
+    other[:, :2] = -shapes[:, :2] + [0.3, 0]
+    T = radiance(shapes, colours, lights, "gaussian") + radiance(other, more, lights, "gaussian")
+    found = chosen(cloth(tmp_path, T, lights))
+    assert (found["lobes"], found["tail"], found["fitted"]) == (2, "gaussian", [0, 1])
+    row = found["regions"]["thread0"]
+    assert row["two Gaussian lobes"]["psnr"] > row["one GGX lobe"]["psnr"] + 0.3
+    assert row["two Gaussian lobes"]["bic"] < row["one GGX lobe"]["bic"]
+
+
+def test_the_fit_takes_what_was_chosen(half_matte: Cloth) -> None:
+    folder = half_matte.folder
+    chosen(half_matte)
+    given, regions = ["--choice", folder / "choice.json"], ["--regions", folder / "regions.json"]
+    assert half_matte.run("prior", "prior.json", *regions, *given) == 0
+    assert half_matte.run("fit", "run.npz", "--model", "slope", *given, "--prior", folder / "prior.json") == 0
+    rest = ["--runs", folder / "run.npz", "--summary", folder / "slope.json"]
+    assert half_matte.run("material", "slope.exr", *regions, "--model", "slope", *given, *rest) == 0
+    material = read_material(folder / "slope.exr")
+    assert (material.lobes, material.tail) == (1, "ggx")
+    assert [region["model"] for region in material.regions] == ["slope", "lambert"]
+    assert (material.channels["lobe1.amplitude"][LABELS == 1] == 0).all()
+    assert (material.channels["lobe1.amplitude"][LABELS == 0] > 0).all()
+
+
+def test_held_out_lights_have_no_say(half_matte: Cloth, lights: np.ndarray, tmp_path: Path) -> None:
+    shapes, colours = texels(COUNT)
+    T = radiance(shapes, colours, lights)
+    T[COUNT // 2 :] = colours[COUNT // 2 :, 1, :, None] * lights[:, 2]
+    spoilt = T.copy()
+    spoilt[:, :, 4::8] = 7.0
+    noise = 1 + 0.01 * np.random.default_rng(0).standard_normal(T.shape)
+    noise[:, :, 4::8] = 1
+    again = Cloth(tmp_path, pictures(spoilt * noise, SHAPE), directions(lights, every=8), LABELS)
+    assert chosen(again) == chosen(half_matte)
+
+
+def test_no_choice_file(tmp_path: Path, half_matte: Cloth, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "none.json").write_text("{}")
+    assert half_matte.run("fit", "run.npz", "--model", "slope", "--choice", tmp_path / "none.json") == 2
+    assert "kinran choice" in capsys.readouterr().err
+
+
+def test_bytes_cost_decibels() -> None:
+    """A candidate that gains 0.2 dB with a lobe more is not taken; one that gains 0.4 dB is."""
+    share = np.ones(1)
+    for gain, name in ((0.2, "one GGX lobe"), (0.4, "two Gaussian lobes")):
+        judged = {}
+        for candidate, db in zip(choice.CANDIDATES, (10, 30, 30 + gain), strict=True):
+            zero = np.zeros(1)
+            judged[candidate.name] = choice.Judgement(np.full((5, 1), 10 ** (-db / 10)), zero, zero, zero)
+        best, kinds = choice.choose(judged, share)
+        assert (best.name, kinds[0].name) == (name, name)

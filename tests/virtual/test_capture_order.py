@@ -1,0 +1,63 @@
+"""A capture on the virtual rig does not depend on the order in which its groups are shot."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kinran.__main__ import main
+from kinran.plan import plan_grid
+from kinran.plans import Plan, write_plan
+from kinran.rig.ledger import mdeg
+from kinran.virtual.camera import CACHE
+from kinran.virtual.weave import VirtualFabric
+
+SCENE = {"texels": 16, "seed": 5}
+
+
+@pytest.fixture
+def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Plan:
+    """Two groups of eight lights, each with repeats of θ = 0; what the path tracer would say is there already."""
+    monkeypatch.chdir(tmp_path)
+    plan = plan_grid("swatch", (0, 30), 16, (1 / 25, 1 / 1000), 8, lamp_mm=600.0, field_mm=4.8)
+    fabric = VirtualFabric(**SCENE)
+    for shot in (shot for group in plan.groups for shot in group.shots):
+        theta, phi = mdeg(shot.theta), mdeg(shot.phi) if shot.theta else 0
+        path = CACHE / fabric.digest() / f"{theta}_{phi}.npy"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.save(path, np.full((16, 16, 3), 0.3, np.float32))
+    return plan
+
+
+def capture(plan: Plan, folder: str, *groups: str, revisions: str = "{}") -> dict[tuple[str, str, int], str]:
+    """Digests of the frames, by group, shot and exposure."""
+    root, found = Path(folder), {}
+    root.mkdir(exist_ok=True)
+    write_plan(root / "plan.json", plan)
+    for group in groups:
+        manifest = root / "groups" / f"{group}.json"
+        manifest.parent.mkdir(exist_ok=True)
+        options = ["--device", "virtual", "--virtual", json.dumps(SCENE), "--revisions", revisions]
+        assert main(["capture", "--plan", str(root / "plan.json"), "--group", group, *options, str(manifest)]) == 0
+        for shot in json.loads(manifest.read_text())["shots"]:
+            for k, frame in enumerate(shot["frames"]):
+                content = hashlib.sha256((root / frame["file"]).read_bytes()).hexdigest()
+                found[group, shot["shot"], k] = content
+    return found
+
+
+def test_the_order_of_the_groups_changes_no_frame(plan: Plan) -> None:
+    first, second = (group.name for group in plan.groups if group.lights)
+    there = capture(plan, "there", first, second)
+    assert capture(plan, "back", second, first) == there
+    assert len(set(there.values())) == len(there)  # repeats of one direction are no copies of each other
+
+
+def test_a_frame_that_is_shot_again_has_noise_of_its_own(plan: Plan) -> None:
+    group = next(group for group in plan.groups if group.lights)
+    name = next(shot.shot for shot in group.shots if shot.kind == "light")
+    before = capture(plan, "again", group.name)
+    after = capture(plan, "again", group.name, revisions=json.dumps({name: 1}))
+    assert {key[1] for key in before if before[key] != after[key]} == {name}

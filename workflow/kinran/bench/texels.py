@@ -1,0 +1,177 @@
+"""Texels with known lobes, their radiance, and what the methods make of it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinran import frames
+from kinran.fit import slope, takeda
+from kinran.fit.lobes import squared_widths
+from kinran.fit.predict import predict
+from kinran_bsdf import models
+
+Array = NDArray[np.float64]
+Samples = NDArray[np.float32]
+Method = Callable[[Samples, Samples, Array, Array], Samples]
+"""Samples and weights under lights, and other lights: the prediction for these."""
+
+
+def grid(step_theta: float = 5.0, azimuths: int = 24) -> Array:
+    """The paper's grid of lights with fewer azimuths; θ = 0 once."""
+    thetas = np.radians(np.arange(step_theta, 80.1, step_theta))
+    phis = np.arange(azimuths) * 2 * np.pi / azimuths
+    t, p = np.meshgrid(thetas, phis, indexing="ij")
+    return np.concatenate([[[0, 0, 1]], frames.direction(t.ravel(), p.ravel())])
+
+
+def radiance(shapes: Array, colours: Array, lights: Array, tail: str = "ggx") -> Samples:
+    """T (texel, 3, light) of one lobe (texel, 7) and colours (texel, 2, 3), by the plugin's definition."""
+    s = frames.slopes(lights)
+    x, y, nx, ny = (shapes[:, k, None] for k in (0, 1, 5, 6))
+    xx, xy, yy = (w[:, None] for w in squared_widths(shapes[:, :5]))
+    G = models.slope_lobe(s[:, 0], s[:, 1], x, y, xx, xy, yy, tail)
+    D = models.diffuse(lights.T, nx, ny)
+    return np.asarray(colours[:, 0, :, None] * G[:, None] + colours[:, 1, :, None] * D[:, None], np.float32)
+
+
+def microfacets(shapes: Array, colours: Array, lights: Array) -> Samples:
+    """As `radiance`, of what no fit here assumes: GGX microfacets about a tilted normal, with Smith's shadowing."""
+    n = np.concatenate([shapes[:, :2], np.ones((len(shapes), 1))], 1)
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    t = np.array([1.0, 0, 0]) - n[:, :1] * n
+    t /= np.linalg.norm(t, axis=1, keepdims=True)
+    frame = np.stack([t, np.cross(n, t), n], 1)
+    h, towards = (np.einsum("tki,li->tkl", frame, v) for v in (frames.half_vector(lights), lights))
+    ea, b, ec = np.exp(shapes[:, 2, None]), shapes[:, 3, None], np.exp(shapes[:, 4, None])
+    cosine = np.maximum(h[:, 2], 1e-3)
+    x, y = h[:, 0] / cosine, h[:, 1] / cosine
+    D = ((1 + (ea * x + b * y) ** 2 + (ec * y) ** 2) * cosine**2) ** -2
+    width = 1 / np.sqrt(ea * ec)
+    shadowed = _smith(width, towards[:, 2]) * _smith(width, n[:, 2:]) * (towards[:, 2] > 0) / n[:, 2:]
+    cos_n = models.diffuse(lights.T, shapes[:, 5, None], shapes[:, 6, None])
+    return np.asarray(colours[:, 0, :, None] * (D * shadowed)[:, None] + colours[:, 1, :, None] * cos_n[:, None], "f4")
+
+
+def _smith(width: Array, cosine: Array) -> Array:
+    """Share of microfacets of an isotropic GGX that are seen at an angle."""
+    c = np.clip(cosine, 1e-3, 1)
+    return np.asarray(2 / (1 + np.sqrt(1 + width**2 * (1 / c**2 - 1))))
+
+
+def texels(count: int, seed: int = 0) -> tuple[Array, Array]:
+    """Shapes (texel, 7) and colours (texel, 2, 3) of facets of gold over silk."""
+    rng = np.random.default_rng(seed)
+    shapes = np.zeros((count, 7))
+    shapes[:, :2] = rng.normal(0, 0.2, (count, 2))
+    shapes[:, 2] = -np.log(rng.uniform(0.1, 0.3, count))
+    shapes[:, 3] = rng.normal(0, 2, count)
+    shapes[:, 4] = -np.log(rng.uniform(0.1, 0.3, count))
+    shapes[:, 5:] = rng.normal(0, 0.1, (count, 2))
+    colours = np.stack(
+        [rng.uniform(1, 3, (count, 1)) * [1, 0.75, 0.35], rng.uniform(0.05, 0.2, (count, 1)) * [1, 0.1, 0.1]], 1
+    )
+    return shapes, colours
+
+
+def facets(tilt: float, count: int = 40, width: float = 0.12) -> tuple[Array, Array]:
+    """Round lobes of facets of one tilt in degrees, all around."""
+    shapes, colours = texels(count)
+    azimuth = np.linspace(0, 2 * np.pi, count)
+    shapes[:, :2] = np.tan(np.radians(tilt)) * np.stack([np.cos(azimuth), np.sin(azimuth)], 1)
+    shapes[:, 2:5] = -np.log(width), 0, -np.log(width)
+    shapes[:, 5:] = 0
+    return shapes, colours
+
+
+def noisy(clean: NDArray[np.floating], seed: int = 1, share: float = 0.01, floor: float = 0.003) -> Samples:
+    """With noise, relative and of 1."""
+    rng = np.random.default_rng(seed)
+    noise = share * clean * rng.normal(size=clean.shape) + floor * rng.normal(size=clean.shape)
+    return (clean + noise).astype(np.float32)
+
+
+def ones(T: Samples) -> Samples:
+    """Weights (texel, light) of samples that all count alike."""
+    return np.ones((len(T), T.shape[2]), np.float32)
+
+
+def relative(predicted: Samples, truth: Samples) -> Array:
+    """√(Σ (m - g)² / Σ g²) of each texel."""
+    error, energy = ((predicted.astype(float) - truth) ** 2).sum((1, 2)), (truth.astype(float) ** 2).sum((1, 2))
+    return np.asarray(np.sqrt(error / np.maximum(energy, 1e-30)))
+
+
+def spread(lights: Array, count: int) -> NDArray[np.intp]:
+    """Indices of lights spread over slopes by farthest points."""
+    s = frames.slopes(lights)
+    chosen = [0]
+    distance = np.linalg.norm(s - s[0], axis=1)
+    while len(chosen) < count:
+        chosen.append(int(distance.argmax()))
+        distance = np.minimum(distance, np.linalg.norm(s - s[chosen[-1]], axis=1))
+    return np.array(chosen)
+
+
+@dataclass(frozen=True)
+class Split:
+    """Lights for the fit and lights to judge by: every fourth of a ring, staggered, is held out."""
+
+    lights: Array
+    held: NDArray[np.bool_]
+
+    @classmethod
+    def of_grid(cls, azimuths: int = 24) -> "Split":
+        """The grid of `grid`."""
+        lights = grid(azimuths=azimuths)
+        ring, azimuth = np.divmod(np.arange(len(lights) - 1), azimuths)
+        return cls(lights, np.r_[False, (ring + 1 + azimuth) % 4 == 0])
+
+    def error(self, method: Method, clean: Samples, seen: Samples, W: Samples | None = None) -> Array:
+        """Relative error of each texel on the lights held out; infinite where the prediction is no number."""
+        train = ~self.held
+        T = np.ascontiguousarray(seen[..., train])
+        weights = ones(T) if W is None else np.ascontiguousarray(W[:, train])
+        with np.errstate(all="ignore"):
+            error = relative(method(T, weights, self.lights[train], self.lights[self.held]), clean[..., self.held])
+        return np.where(np.isfinite(error), error, np.inf)
+
+
+def lobes(tail: str = "ggx", count: int = 1, **options: object) -> Method:
+    """The method of `kinran.fit.slope` with options of its `fit`."""
+
+    def method(T: Samples, W: Samples, lights: Array, at: Array) -> Samples:
+        return predict(slope.fit(T, W, lights, tail, count, **options), at, tail)  # type: ignore[arg-type]
+
+    return method
+
+
+def four_steps(T: Samples, W: Samples, lights: Array, at: Array) -> Samples:
+    """The method of the paper."""
+    return eq3(_steps(T, lights), at)
+
+
+def joint(wrap: bool = True) -> Method:
+    """Eq. 3 by non-linear least squares, its azimuth wrapped or as printed."""
+
+    def method(T: Samples, W: Samples, lights: Array, at: Array) -> Samples:
+        return eq3(takeda.joint(T, W, lights, _steps(T, lights), wrap), at, wrap)
+
+    return method
+
+
+def eq3(fitted: takeda.TakedaFit, lights: Array, wrap: bool = True) -> Samples:
+    """T (texel, 3, light) of Eq. 3."""
+    theta, phi = frames.angles(frames.half_vector(lights))
+    theta_n, phi_n, dt, dp = (fitted.shapes[:, k, None] for k in range(4))
+    turn = frames.wrap(phi - phi_n) if wrap else phi - phi_n
+    G = np.exp(-(((theta - theta_n) / dt) ** 2) - (turn / dp) ** 2)
+    T = fitted.colours[:, 0, :, None] * G[:, None] + fitted.colours[:, 1, :, None] * lights[:, 2]
+    return np.asarray(T, np.float32)
+
+
+def _steps(T: Samples, lights: Array) -> takeda.TakedaFit:
+    """The four steps, with half a step of the grid as the tolerance of θ and φ."""
+    phi = np.unique(np.round(frames.angles(lights)[1], 6))
+    return takeda.four_steps(T, lights, np.radians(2.5), float(0.51 * np.median(np.diff(phi))))

@@ -1,0 +1,39 @@
+"""Lobes in slope space, fitted to a trial as the pipeline fits them to a stack."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinran.chart.trial import Trial
+from kinran.fit import slope
+
+PRIOR_SAMPLE = 512
+"""Texels of a region that its prior is made of."""
+
+
+def priors(trial: Trial, tail: str, lobes: int, bent: bool = True) -> tuple[list[slope.Prior], NDArray[np.intp]]:
+    """Priors of the regions that the trial has texels of, and the index (texel,) of each texel's prior."""
+    present, region = np.unique(trial.region, return_inverse=True)
+    some = _sample(region)
+    T, W = trial.T[some], trial.W[some]
+    learned = slope.learn_priors(T, W, trial.lights, region[some], len(present), tail=tail, lobes=lobes, bent=bent)
+    return learned, region
+
+
+def fit(trial: Trial, tail: str, lobes: int, with_prior: bool = True) -> slope.SlopeFit:
+    """Fit every texel, under its region's prior or alone."""
+    known, region = priors(trial, tail, lobes) if with_prior else (None, None)
+    return slope.fit(trial.T, trial.W, trial.lights, tail=tail, lobes=lobes, priors=known, region=region)
+
+
+def numbers(fitted: slope.SlopeFit) -> int:
+    """Numbers of a texel."""
+    return int(fitted.shapes.shape[1] + 3 * fitted.colours.shape[1])
+
+
+def _sample(region: NDArray[np.intp]) -> NDArray[np.intp]:
+    """At most 512 texels of each region, evenly through the map."""
+    parts = []
+    for k in np.unique(region):
+        inside = np.flatnonzero(region == k)
+        parts.append(inside[np.linspace(0, len(inside) - 1, min(PRIOR_SAMPLE, len(inside))).astype(int)])
+    return np.sort(np.concatenate(parts))

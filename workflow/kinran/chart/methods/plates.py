@@ -1,0 +1,38 @@
+"""Interpolation between lights: principal components [Sch04], vector quantisation [SY04], the samples themselves."""
+
+from kinran.baselines import codebook, components, interpolation
+from kinran.chart.method import Fitted, Method
+from kinran.chart.trial import Trial
+
+SMOOTHING = 1e-3
+"""Of thin plates over photographs; radiance, which has less noise, goes through its samples."""
+
+
+def _plate(trial: Trial) -> interpolation.Matrix:
+    return interpolation.thin_plate(SMOOTHING if trial.coder else 0.0)
+
+
+def _components(trial: Trial, count: int) -> Fitted:
+    fitted = components.fit(trial.encoded(), trial.lights, count, _plate(trial))
+    return Fitted(lambda lights: trial.decoded(components.predict(fitted, lights)), fitted.numbers, fitted.shared)
+
+
+def _codebook(trial: Trial, count: int) -> Fitted:
+    fitted = codebook.fit(trial.encoded(), trial.lights, count, _plate(trial))
+    return Fitted(lambda lights: trial.decoded(codebook.predict(fitted, lights)), fitted.numbers, fitted.shared)
+
+
+def _kept(trial: Trial, matrix: interpolation.Matrix) -> Fitted:
+    fitted = interpolation.fit(trial.encoded(), trial.lights, matrix)
+    return Fitted(lambda lights: trial.decoded(interpolation.predict(fitted, lights)), fitted.numbers)
+
+
+METHODS = (
+    Method("PCA 8", "baseline", lambda t: _components(t, 8), 8),
+    Method("PCA 9", "baseline", lambda t: _components(t, 9), 9),
+    Method("PCA 16", "baseline", lambda t: _components(t, 16), 16, True),
+    Method("VQ 64", "baseline", lambda t: _codebook(t, 64), 8),
+    Method("VQ 256", "baseline", lambda t: _codebook(t, 256), 8, True),
+    Method("Delaunay", "baseline", lambda t: _kept(t, interpolation.linear), 4, True),
+    Method("thin plate", "baseline", lambda t: _kept(t, _plate(t)), 4, True),
+)

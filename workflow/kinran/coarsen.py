@@ -1,0 +1,185 @@
+"""Make the texels of a fabric as coarse as a scene allows, before any fit: model no more than is seen.
+
+What a camera sees of texels too small to be told apart is the mean of their radiance. So the coarse stack is what
+the rig would have measured with a wider lens, and every fit, error and cost that follows is that of its texels.
+"""
+
+import argparse
+import os
+import shutil
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinran.exr import read_exr
+from kinran.files import InputError, read_json
+from kinran.labels import read_regions, write_labels, write_regions
+from kinran.stack import (
+    CHUNK,
+    DARK,
+    HOT,
+    NAMES,
+    SHARD,
+    Flags,
+    Image,
+    Stack,
+    shard_path,
+    write_metadata,
+    write_shards,
+)
+
+Planes = NDArray[Any]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the stage."""
+    parser.add_argument("--stack", type=Path, required=True, help="radiance stack (.zarr)")
+    parser.add_argument("--labels", type=Path, required=True, help="label map (.exr)")
+    parser.add_argument("--regions", type=Path, required=True, help="regions (.json)")
+    parser.add_argument("--need", type=Path, required=True, help="what the scene needs (.json)")
+    parser.add_argument("--coarse-labels", type=Path, required=True, help="label map of the coarse texels (.exr)")
+    parser.add_argument("--coarse-regions", type=Path, required=True, help="regions of the coarse texels (.json)")
+    parser.add_argument("out", type=Path, help="radiance stack of the coarse texels (.zarr)")
+
+
+def main(args: argparse.Namespace) -> None:
+    """Write stack, labels and regions of coarse texels."""
+    stack = Stack.open(args.stack)
+    factor = coarsest_factor(args.need)
+    if factor > min(stack.height, stack.width):
+        raise InputError(
+            f"{args.stack}: a texel that {args.need} allows, {factor} wide, is wider than it; move the camera closer"
+        )
+    labels = coarse_labels(read_exr(args.labels), factor)
+    write_labels(args.coarse_labels, **labels)
+    counts = np.bincount(labels["labels"].reshape(-1)).tolist()
+    rows = [replace(r, texels=counts[r.label] if r.label < len(counts) else 0) for r in read_regions(args.regions)]
+    write_regions(args.coarse_regions, rows)
+    write_coarse(args.out, stack, factor)
+    height, width = labels["labels"].shape
+    print(f"coarsen: {factor} x {factor} texels make one; {width} x {height} of them", file=sys.stderr)
+
+
+def coarsest_factor(need: Path) -> int:
+    """Texels, along a side, that can be averaged to one and nobody sees it.
+
+    Raises
+    ------
+    InputError
+        The file is not what `kinran need` writes.
+    """
+    try:
+        return int(read_json(need)["footprint"]["coarsest_factor"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{need}: names no footprint ({error!r}); make it with kinran need") from None
+
+
+def average(radiance: Image, flags: Flags, factor: int) -> tuple[Image, Flags]:
+    """Mean of the radiance of blocks of texels; rows and columns that fill no block are left out.
+
+    Parameters
+    ----------
+    radiance : (light, y, x, 3) float32
+    flags : (light, y, x, 3) uint8
+        Defects take no part in the mean, and are a block's flag only where it has nothing else. A block is dark if
+        all of it is; it is saturated, or moved, if any of it is.
+    factor
+        Texels along the side of a block.
+    """
+    if factor == 1:
+        return radiance, flags
+    values, bits = _blocks(radiance, factor), _blocks(flags, factor)
+    sound = (bits & HOT) == 0
+    weight = np.where(sound.any((2, 4), keepdims=True), sound, True).astype(np.float32)
+    mean = (weight * values).sum((2, 4)) / weight.sum((2, 4))
+    every = np.bitwise_and.reduce(np.bitwise_and.reduce(bits, 4), 2) & np.uint8(HOT | DARK)
+    some = np.bitwise_or.reduce(np.bitwise_or.reduce(np.where(sound, bits, 0), 4), 2) & ~np.uint8(HOT | DARK)
+    return mean.astype(np.float32), (every | some).astype(np.uint8)
+
+
+def coarse_labels(channels: dict[str, NDArray[np.float32]], factor: int) -> dict[str, Any]:
+    """Regions of blocks of texels, by their share of the area.
+
+    Parameters
+    ----------
+    channels
+        Of a label map: a texel belongs to its label by its membership, and for the rest to the second.
+
+    Returns
+    -------
+    dict
+        Arguments of `write_labels`.
+    """
+    label, second = (channels[name].astype(np.intp) for name in ("label", "second"))
+    share = channels["membership"]
+    count = int(max(label.max(), second.max())) + 1
+    area = np.stack([share * (label == k) + (1 - share) * (second == k) for k in range(count)])
+    area = np.asarray(_blocks(area[..., None], factor).mean((2, 4))[..., 0])
+    order = np.argsort(-area, axis=0, kind="stable")
+    first, other = order[0], order[min(1, count - 1)]
+    most, rest = (np.take_along_axis(area, which[None], 0)[0] for which in (first, other))
+    shared = (rest > 0) & (other != first)
+    return {
+        "labels": first,
+        "confidence": np.asarray(_blocks(channels["confidence"][None, ..., None], factor).mean((2, 4))[0, ..., 0]),
+        "second": np.where(shared, other, first),
+        "membership": np.where(shared, most / (most + rest), 1).astype(np.float32),
+    }
+
+
+def write_coarse(path: Path, stack: Stack, factor: int) -> None:
+    """Write the coarse stack, a shard's lights at a time; texels as of `average`."""
+    if path.exists():
+        shutil.rmtree(path)  # its shards may be of another size
+    height, width = stack.height // factor, stack.width // factor
+    for first in range(0, len(stack.lights), SHARD):
+        if factor == 1:
+            _link(stack.path, path, first // SHARD)
+        else:
+            write_shards(path, first, *_coarse_shard(stack, first, factor))
+    write_metadata(
+        path,
+        stack.lights,
+        height,
+        width,
+        stack.texel_mm and stack.texel_mm * factor,
+        stack.encoding,
+        stack.crop,
+        stack.colour,
+        stack.to_acescg,
+        stack.noise,
+        stack.camera_mm,
+    )
+
+
+def _coarse_shard(stack: Stack, first: int, factor: int) -> tuple[Planes, Planes]:
+    """Coarse pictures of a shard's lights, from bands of rows."""
+    lights = range(first, min(first + SHARD, len(stack.lights)))
+    width = stack.width // factor * factor
+    bands = range(0, stack.height // factor * factor, CHUNK * factor)
+    ends = [min(y + CHUNK * factor, stack.height // factor * factor) for y in bands]
+    parts = [average(*stack.read_tile(y, end, 0, width, lights), factor) for y, end in zip(bands, ends, strict=True)]
+    radiance, flags = (np.concatenate(part, 1) for part in zip(*parts, strict=True))
+    return radiance, flags
+
+
+def _link(source: Path, path: Path, shard: int) -> None:
+    """Take a shard as it is, without another copy where the disk can."""
+    for name in NAMES:
+        old, new = shard_path(source, name, shard), shard_path(path, name, shard)
+        new.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            os.link(old, new)
+        except OSError:
+            shutil.copyfile(old, new)
+
+
+def _blocks(values: Planes, factor: int) -> Planes:
+    """(n, y, x, channel) as (n, row, y in block, column, x in block, channel)."""
+    rows, columns = values.shape[1] // factor, values.shape[2] // factor
+    whole = values[:, : rows * factor, : columns * factor]
+    return whole.reshape(len(values), rows, factor, columns, factor, -1)

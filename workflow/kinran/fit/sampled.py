@@ -1,0 +1,34 @@
+"""Samples of some texels of each region, evenly through it: what priors and choices are made on."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinran.fit import samples
+from kinran.stack import Stack
+
+Single = NDArray[np.float32]
+Labels = NDArray[np.intp]
+
+
+def of_regions(stack: Stack, labels: Labels, count: int, most: int) -> tuple[Single, Single, Labels]:
+    """Samples of at most so many texels of each of `count` regions.
+
+    Returns
+    -------
+    T : (texel, 3, light) float32
+    W : (texel, light) float32
+    region : (texel,) int
+    """
+    chosen = np.zeros(labels.size, bool)
+    for k in range(count):
+        inside = np.flatnonzero(labels.reshape(-1) == k)
+        chosen[inside[np.linspace(0, len(inside) - 1, min(most, len(inside))).astype(int)]] = True
+    chosen_map = chosen.reshape(labels.shape)
+    T, W, region = [], [], []
+    for tile in samples.iterate(stack, stack.tiles()):
+        y0, y1, x0, x1 = tile.box
+        inside = chosen_map[y0:y1, x0:x1].reshape(-1)
+        T.append(tile.T[inside])
+        W.append(tile.W[inside])
+        region.append(samples.cut(labels, tile.box)[inside])
+    return np.concatenate(T), np.concatenate(W), np.concatenate(region)

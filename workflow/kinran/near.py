@@ -1,0 +1,102 @@
+"""Lamps and camera at finite distances: what they change for each texel, in the fit and in what it predicts."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinran import frames, geometry
+from kinran.stack import Box, Stack
+from kinran_bsdf import models
+from kinran_bsdf.material import Material
+from kinran_bsdf.residual import relit
+
+Array = NDArray[np.float64]
+
+LEAST_BEND = float(np.radians(0.25))
+"""Half vectors that turn by less from the middle of the field to its edge are taken to be the same everywhere."""
+AFAR = (0.0, 0.0, 1e9)
+"""Where a camera stands, in millimetres, of which nothing is known."""
+CELL = 0.002
+"""Radians that a light may turn from the middle of a cell of texels to its edge."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Texels of a tile under the same directions.
+
+    Attributes
+    ----------
+    at : (texel,) int
+        Their places in the tile.
+    lights : (light, 3)
+        Directions of the lights from the middle of the cell.
+    slopes : (light, 2)
+        Slopes of the half vectors between these and the view.
+    factor : (texel, light) or None
+        Light that reaches each texel, square on, relative to the field's centre: what the stack's values hold
+        beside π·T. None where it is 1.
+    """
+
+    at: NDArray[np.intp]
+    lights: Array
+    slopes: Array
+    factor: NDArray[np.float32] | None
+
+
+def matters(stack: Stack) -> bool:
+    """Whether positions are known and turn the half vectors over the field by more than `LEAST_BEND`."""
+    if not stack.texel_mm or any(light.position_mm is None for light in stack.lights):
+        return False
+    nearest = min(float(np.linalg.norm(light.position_mm or 0)) for light in stack.lights)
+    closeness = 1 / nearest + (1 / stack.camera_mm[2] if stack.camera_mm else 0)
+    return 0.25 * max(stack.height, stack.width) * stack.texel_mm * closeness > LEAST_BEND
+
+
+def cells(stack: Stack, box: Box, lights: NDArray[np.intp]) -> list[Cell]:
+    """Cells of a tile under these lights of the stack: one of directions alone where distances do not matter."""
+    y0, y1, x0, x1 = box
+    count = (y1 - y0) * (x1 - x0)
+    if not matters(stack):
+        directions = stack.directions[lights]
+        return [Cell(np.arange(count), directions, frames.slopes(directions), None)]
+    assert stack.texel_mm
+    points = geometry.texel_points(stack.height, stack.width, stack.texel_mm)[y0:y1, x0:x1].reshape(-1, 3)
+    positions = np.array([stack.lights[i].position_mm for i in lights], float)
+    side = 2 * CELL * np.linalg.norm(positions, axis=1).min()
+    _, cell = np.unique(np.round(points[:, :2] / side).astype(int), axis=0, return_inverse=True)
+    found = []
+    for k in range(cell.max() + 1):
+        at = np.flatnonzero(cell.ravel() == k)
+        middle = points[at].mean(0)
+        directions = np.stack([geometry.directions_to(p, middle) for p in positions])
+        view = geometry.directions_to(stack.camera_mm or AFAR, middle)
+        half = directions + view
+        factor = np.stack([geometry.falloff(p, points[at]) for p in positions], 1).astype(np.float32)
+        found.append(Cell(at, directions, half[:, :2] / half[:, 2:], factor))
+    return found
+
+
+def relight(material: Material, stack: Stack, box: Box, lights: NDArray[np.intp]) -> NDArray[np.float32]:
+    """What a material says that the stack holds of a tile under these of its lights.
+
+    Returns
+    -------
+    (light, y, x, 3) float32
+        In the stack's unit; each texel under its own lights where distances matter.
+    """
+    y0, y1, x0, x1 = box
+    part = material.part(slice(y0, y1), slice(x0, x1))
+    if not matters(stack):
+        return models.relight(part, stack.directions[lights])
+    assert stack.texel_mm
+    points = geometry.texel_points(stack.height, stack.width, stack.texel_mm)[y0:y1, x0:x1]
+    positions = [np.array(stack.lights[i].position_mm, float) for i in lights]
+    view = geometry.directions_to(stack.camera_mm or AFAR, points)
+    images = models.relight_texels(part, [geometry.directions_to(p, points) for p in positions], view)
+    images *= np.stack([geometry.falloff(p, points) for p in positions])[..., None].astype(np.float32)
+    if part.residual is not None:
+        maps = part.residual_maps()
+        factors = part.residual.basis(stack.directions[lights])
+        images = np.stack([relit(image, part.residual, maps, f) for image, f in zip(images, factors, strict=True)])
+    return images

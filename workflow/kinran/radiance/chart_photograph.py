@@ -1,0 +1,88 @@
+"""Colours of a set of photographs from one of a colour chart, taken as they are and under the same light."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinran.encoding import Encoding, parse
+from kinran.photographs import read as read_photograph
+from kinran.radiance.calibration import Calibration
+from kinran.radiance.chart_fit import fit_colours
+from kinran.radiance.raw import is_raw, read_raw
+from kinran.radiance.response import Curve
+from kinran.stack import SATURATED
+
+Image = NDArray[np.float32]
+Flags = NDArray[np.uint8]
+
+LARGEST = 1200
+"""Pixels along the longer side that a chart is looked for in."""
+
+
+def calibrate_colours(calibration: Calibration, path: Path, corners: str, lamp: str) -> Calibration:
+    """The calibration of photographs, with the colours that a chart says; white is that of its grey patches.
+
+    Parameters
+    ----------
+    calibration
+        Of the photographs.
+    path
+        Photograph of the chart.
+    corners
+        As `parse_corners` takes them, in its pixels (of RAW: superpixels); empty to find it.
+    lamp
+        Whose spectrum falls on the chart, as `references` takes it; empty for the published colours.
+
+    Raises
+    ------
+    InputError
+        The photograph cannot be read, or as of `fit_colours`.
+    """
+    picture, flags = _read(path, calibration)
+    step = math.ceil(max(picture.shape[:2]) / LARGEST)
+    chart = fit_colours(*_smaller(picture, flags, step), path.name, _over(corners, step), lamp, greys=True)
+    return replace(
+        calibration,
+        colour="camera RGB, by a colour chart",
+        to_acescg=tuple((float(r), float(g), float(b)) for r, g, b in chart.matrix),
+        delta_e=chart.delta_e,
+        patches=chart.patches,
+        root_polynomial=chart.root_polynomial,
+        chart=chart.chart,
+        lamp=lamp,
+    )
+
+
+def _read(path: Path, calibration: Calibration) -> tuple[Image, Flags]:
+    """Light (y, x, 3) in the stack's RGB but for its scale, row 0 at the bottom, and flags."""
+    if is_raw(path):
+        raw = read_raw(path)
+        sites = raw.planes.astype(np.float32) - np.float32(raw.black)
+        light = np.stack([sites[0], (sites[1] + sites[2]) / 2, sites[3]], -1)
+        full = calibration.camera.response.clip if calibration.camera else raw.white - raw.black
+        over = np.stack([sites[0], np.maximum(sites[1], sites[2]), sites[3]], -1) > full
+    else:
+        decoder: Encoding | Curve = Curve(calibration.curve) if calibration.curve else parse(calibration.encoding)
+        photograph = read_photograph(path, parse("linear"))
+        light, over = np.asarray(decoder.decode(photograph.light), np.float32), photograph.saturated
+    white = np.array(calibration.camera.white, np.float32) if calibration.camera else np.ones(3, np.float32)
+    return light / (white / white[1]), over * np.uint8(SATURATED)
+
+
+def _smaller(picture: Image, flags: Flags, step: int) -> tuple[Image, Flags]:
+    """Means of blocks from the top left, flagged where one of their pixels is."""
+    height, width = (side // step * step for side in picture.shape[:2])
+    blocks = (height // step, step, width // step, step, 3)
+    light, bits = (part[part.shape[0] - height :, :width].reshape(blocks) for part in (picture, flags))
+    return light.mean((1, 3)), np.bitwise_or.reduce(np.bitwise_or.reduce(bits, 3), 1)
+
+
+def _over(corners: str, step: int) -> str:
+    """Corners in blocks; as they are where they are no numbers, which `parse_corners` will say."""
+    try:
+        return ",".join(f"{float(word) / step:.6f}" for word in corners.split(",")) if corners else ""
+    except ValueError:
+        return corners

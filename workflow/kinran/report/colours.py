@@ -1,0 +1,57 @@
+"""What the report says of colour: the chart's patches as seen and as they should be, and how far they are apart."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from kinran import pictures
+from kinran.radiance.calibration import Calibration
+from kinran.radiance.colour_chart import COLUMNS, PATCHES
+from kinran.report import charts
+from kinran_bsdf.colours import TO_REC709
+
+
+def chart_section(calibration: Calibration) -> dict[str, Any] | None:
+    """Values of the section on the colour chart; None where there is none."""
+    patches = calibration.chart
+    if not patches:
+        return None
+    used = [patch for patch in patches if not patch.left_out]
+    left_out = [(PATCHES[k], patch.left_out) for k, patch in enumerate(patches) if patch.left_out]
+    rows = [
+        ("ΔE00, each patch left out in turn", _spread([patch.delta_e for patch in used])),
+        ("the same of a root polynomial", _spread([patch.root_delta_e for patch in used])),
+        ("patches used", f"{len(used)} of {len(patches)}"),
+        *((f"left out: {name}", why) for name, why in left_out),
+        ("reference", f"spectra under {calibration.lamp}" if calibration.lamp else "published colours (D50, adapted)"),
+    ]
+    if calibration.camera:
+        rows.append(("veiling glare, removed", f"{calibration.camera.glare:.2%} of the mean light"))
+    cells = [
+        (PATCHES[k], _css(patch.colour), _css(patch.reference), patch.delta_e, patch.left_out)
+        for k, patch in enumerate(patches)
+    ]
+    return {"swatches": Markup(charts.swatches(cells, COLUMNS)), "rows": rows, "note": _note(calibration)}
+
+
+def _note(calibration: Calibration) -> str:
+    """Which map from the camera's RGB to colours is used for what."""
+    matrix = "The material and all that follows from it have the 3×3 matrix, which is exact for sums of light."
+    if calibration.root_polynomial is None:
+        return f"{matrix} A root polynomial would not be better."
+    return (
+        f"{matrix} A root polynomial fits this chart better; pictures of single lights have it by"
+        " `kinran export --calibration`."
+    )
+
+
+def _spread(errors: Sequence[float]) -> str:
+    return f"{np.mean(errors):.2f} mean, {max(errors):.2f} worst"
+
+
+def _css(acescg: Sequence[float]) -> str:
+    """Colour in sRGB, clipped to what a screen shows."""
+    r, g, b = np.round(255 * pictures.SRGB.encode(np.clip(TO_REC709 @ np.array(acescg), 0, 1))).astype(int)
+    return f"rgb({r},{g},{b})"
