@@ -82,3 +82,35 @@ def test_encodings_of_photographs_are_domains_of_the_residual() -> None:
     light = np.linspace(0, 1, 100, dtype=np.float32)
     for name in ("srgb", "linear", "gamma:2.2"):
         np.testing.assert_allclose(compress(light, name), parse(name).encode(light), atol=2e-6)
+
+
+def test_neighbouring_lights_are_left_out_in_turn() -> None:
+    """What is left out lies between what is not: hardly any light is outside of the others' hull, as at random."""
+    lights = lights_of_a_dome()
+    fold = residual.deal(lights, 8)
+    assert sorted(np.bincount(fold)) == [7, 7, 7, 7, 8, 8, 8, 8]
+    nearest = np.argsort(np.linalg.norm(lights[:, None] - lights, axis=-1), axis=1)[:, 1]
+    assert (fold != fold[nearest]).mean() > 0.9
+    inside = [residual.surrounded(lights[fold == k], lights[fold != k]).mean() for k in range(8)]
+    assert min(inside) > 0.5
+
+
+def test_lights_on_a_line_have_no_inside() -> None:
+    line = frames.direction(np.linspace(0.1, 1.2, 9), np.zeros(9))
+    assert not residual.surrounded(line[::2], line[1::2]).any()
+
+
+def test_few_lights_take_the_lobes_unless_something_is_surely_better() -> None:
+    """The rule of standard errors: a mean that is better by chance changes nothing, a sure gain does."""
+    rng = np.random.default_rng(0)
+    alone = rng.normal(34, 3, 40)
+    by_chance = {residual.ALONE: alone, (1.0, 4, 0.01): alone + 0.5 + 4 * (-1.0) ** np.arange(40)}
+    assert residual.pick(by_chance).components == 0
+    surely = {
+        residual.ALONE: alone,
+        (1.0, 4, 0.01): alone + 2,
+        (0.5, 9, 0.01): alone + 2.1 + 2 * (-1.0) ** np.arange(40),
+    }
+    assert residual.pick(surely) == residual.Choice(1.0, 4, 0.01, float(np.mean(alone + 2)), float(alone.mean()))
+    worse = {residual.ALONE: alone, (1.0, 4, 0.01): alone - 1, (0.5, 4, 0.01): alone - 2}
+    assert residual.pick(worse).components == 0

@@ -97,15 +97,16 @@ def test_another_camera_fits_again_only_what_depends_on_it(project: Project) -> 
 def test_a_far_camera_gets_coarse_maps(project: Project) -> None:
     """Model no more than a scene needs: texels that its camera cannot tell apart are fitted as one."""
     template = project.folder / "small.xml"
-    template.write_text(template.read_text().replace('name="fov" value="12"', 'name="fov" value="100"'))
+    template.write_text(template.read_text().replace('name="fov" value="12"', 'name="fov" value="20"'))
     project.configure(lambda config: config["fit"].update(texels="needed", compare=[]))
-    project.run("results/tiny/evaluation.json")
+    wanted = "results/tiny/evaluation.json", "results/tiny/scene/scene.xml"
+    project.run(*wanted)
     results = project.folder / "results" / "tiny"
     factor = json.loads((results / "need.json").read_text())["footprint"]["coarsest_factor"]
     assert factor > 1
     fine, material = read_exr(results / "labels.exr"), read_material(results / "material.exr")
     assert material.size == tuple(side // factor for side in fine["label"].shape)
-    assert "Nothing to be done" in project.run("--dry-run", "results/tiny/evaluation.json")
+    assert "Nothing to be done" in project.run("--dry-run", *wanted)
 
 
 def test_without_a_rig_nothing_is_ever_captured(project: Project) -> None:

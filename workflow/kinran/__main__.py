@@ -16,6 +16,7 @@ COMMANDS = {
     "merge": ("kinran.radiance.merge", "merge one bracket of frames to linear radiance with its noise"),
     "relight": ("kinran.relight", "relight a material, and compare with photographs"),
     "render": ("kinran.render", "render a Mitsuba scene with Kinran materials"),
+    "native": ("kinran_bsdf.native", "compile the plugin for Mitsuba's own command"),
     "rig": ("kinran.rig.cli", "talk to the goniometer"),
     "plan": ("kinran.plan", "plan the shots of a capture"),
     "capture": ("kinran.capture", "shoot a group of the plan"),

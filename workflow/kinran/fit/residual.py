@@ -188,7 +188,7 @@ def pick(scores: dict[Key, Array]) -> Choice:
     order = sorted(means, key=lambda key: -means[key])
     shares = sorted({key[0] for key in means}, reverse=True)
     best_of = [next(key for key in order if key[0] == share and key != ALONE) for share in shares]
-    chosen = next(key for key in best_of if not better(order[0], key))
+    chosen = next((key for key in best_of if not better(order[0], key)), ALONE)
     if means[chosen] < means[ALONE] + LEAST_GAIN_DB or not better(chosen, ALONE):
         chosen = ALONE
     return Choice(*chosen, psnr=means[chosen], lobes_psnr=means[ALONE])

@@ -1,0 +1,293 @@
+// The material file, as material.py and maps.py read and pack it. It is read with OpenEXR: the header of Mitsuba's
+// own Bitmap needs one that its wheel does not hold.
+#pragma once
+
+#include <OpenEXR/ImfChannelList.h>
+#include <OpenEXR/ImfFrameBuffer.h>
+#include <OpenEXR/ImfHeader.h>
+#include <OpenEXR/ImfInputFile.h>
+#include <OpenEXR/ImfStringAttribute.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace kinran {
+
+using Matrix = std::array<std::array<double, 3>, 3>;
+
+constexpr float WidthFloor = 1e-3f;
+
+// ACEScg (AP1, D60) to linear Rec.709 (D65), Bradford adaptation
+constexpr Matrix ToRec709 = { { { 1.704858676, -0.621716022, -0.083299372 },
+                                { -0.130076824, 1.140735775, -0.010559802 },
+                                { -0.023964073, -0.128975508, 1.153014019 } } };
+constexpr std::array<double, 3> Luminance = { 0.212671, 0.715160, 0.072169 };
+
+inline Matrix product(const Matrix &a, const Matrix &b) {
+    Matrix c{};
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            for (int k = 0; k < 3; ++k)
+                c[i][j] += a[i][k] * b[k][j];
+    return c;
+}
+
+inline Matrix inverse(const Matrix &m) {
+    Matrix c{};
+    double det = 0;
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            c[j][i] = m[(i + 1) % 3][(j + 1) % 3] * m[(i + 2) % 3][(j + 2) % 3] -
+                      m[(i + 1) % 3][(j + 2) % 3] * m[(i + 2) % 3][(j + 1) % 3];
+    for (int j = 0; j < 3; ++j)
+        det += m[0][j] * c[j][0];
+    for (auto &row : c)
+        for (double &v : row)
+            v /= det;
+    return c;
+}
+
+/// Number or (nested) numbers of a key in a JSON text
+inline std::vector<double> json_numbers(const std::string &text, const std::string &key) {
+    std::vector<double> result;
+    size_t at = key.empty() ? 0 : text.find('"' + key + '"');
+    if (at == std::string::npos)
+        throw std::runtime_error("a kinran: attribute lacks '" + key + "'");
+    const char *p = text.c_str() + (key.empty() ? 0 : text.find(':', at) + 1);
+    for (int depth = 0; *p;) {
+        char *end;
+        double value = std::strtod(p, &end);
+        if (end != p) {
+            result.push_back(value);
+            p = end;
+        } else {
+            depth += *p == '[' ? 1 : *p == ']' ? -1 : 0;
+            ++p;
+        }
+        if (depth <= 0 && !result.empty())
+            break;
+    }
+    return result;
+}
+
+inline std::string json_text(const std::string &text, const std::string &key) {
+    size_t at = text.find('"' + key + '"');
+    size_t from = text.find('"', text.find(':', at)) + 1;
+    return text.substr(from, text.find('"', from) - from);
+}
+
+/// How the residual depends on the light: thin-plate splines over (l_x, l_y), as residual.py has them
+struct Residual {
+    std::string domain;
+    double number = 1, share = 1;
+    std::vector<double> lights, weights;
+    size_t count = 0;
+
+    /// Factor of each component under a light
+    std::vector<double> basis(double x, double y) const {
+        std::vector<double> result(count, 0.0);
+        size_t n = lights.size() / 2;
+        for (size_t i = 0; i < n + 3; ++i) {
+            double kernel = i == n ? 1 : i == n + 1 ? x : y;
+            if (i < n) {
+                double dx = x - lights[2 * i], dy = y - lights[2 * i + 1], square = dx * dx + dy * dy;
+                kernel = square > 0 ? 0.5 * square * std::log(square) : 0;
+            }
+            for (size_t k = 0; k < count; ++k)
+                result[k] += kernel * weights[i * count + k];
+        }
+        return result;
+    }
+};
+
+struct Material {
+    size_t width = 0, height = 0;
+    std::map<std::string, std::vector<float>> channels;
+    std::string model, tail;
+    int lobes = 0;
+    double theta_max = 0;
+    Matrix from_stack{};
+    bool has_residual = false;
+    Residual residual;
+
+    std::vector<std::string> shape() const {
+        if (model == "takeda2008")
+            return { "theta", "phi", "dt", "dp" };
+        return { "x", "y", "xx", "xy", "yy" };
+    }
+
+    const std::vector<float> &plane(const std::string &name) const {
+        auto it = channels.find(name);
+        if (it == channels.end())
+            throw std::runtime_error("has no channel '" + name + "', which model '" + model + "' needs; fit it again");
+        return it->second;
+    }
+};
+
+inline void check(const Material &m) {
+    bool one = m.model == "takeda2008" ? m.lobes == 1 : m.model == "lambert" ? m.lobes == 0 : m.lobes == 1 || m.lobes == 2;
+    if (m.model != "takeda2008" && m.model != "slope" && m.model != "lambert")
+        throw std::runtime_error("model '" + m.model + "' is not one of takeda2008, slope, lambert; update the plugin");
+    if (m.tail != "gaussian" && m.tail != "ggx")
+        throw std::runtime_error("tail '" + m.tail + "' is not one of gaussian, ggx; update the plugin");
+    if (!one)
+        throw std::runtime_error(std::to_string(m.lobes) + " lobes do not go with model '" + m.model + "'; fit it again");
+    for (auto &[name, values] : m.channels)
+        for (float v : values)
+            if (!std::isfinite(v))
+                throw std::runtime_error("channel '" + name + "' holds values that are not finite; fit it again");
+    for (float v : m.plane("bound"))
+        if (v <= 0 || v > 1)
+            throw std::runtime_error("channel 'bound' leaves (0, 1]; fit it again");
+    for (int k = 0; k <= m.lobes; ++k) {
+        std::string term = k ? "lobe" + std::to_string(k) : "diffuse";
+        const std::vector<float> &amplitude = m.plane(term + ".amplitude");
+        for (float v : amplitude)
+            if (v < 0)
+                throw std::runtime_error("channel '" + term + ".amplitude' is negative; fit it again");
+        if (!k)
+            continue;
+        bool takeda = m.model == "takeda2008";
+        const std::vector<float> &a = m.plane(term + (takeda ? ".dt" : ".xx")), &b = m.plane(term + (takeda ? ".dp" : ".yy")),
+                                 &c = m.plane(term + (takeda ? ".dt" : ".xy"));
+        for (size_t i = 0; i < a.size(); ++i)
+            if (amplitude[i] > 0 && (a[i] <= 0 || b[i] <= 0 || (!takeda && a[i] * b[i] - c[i] * c[i] < 0)))
+                throw std::runtime_error("texels of " + term + " have no positive width; fit it again");
+    }
+}
+
+inline Material read(const std::string &path) {
+    Material m;
+    Imf::InputFile file(path.c_str());
+    const Imf::Header &header = file.header();
+    auto text = [&](const std::string &key, bool needed = true) {
+        const auto *value = header.findTypedAttribute<Imf::StringAttribute>("kinran:" + key);
+        if (!value && needed)
+            throw std::runtime_error("has no attribute kinran:" + key + "; it is not a Kinran material");
+        return value ? value->value() : std::string();
+    };
+    if (text("version") != "1")
+        throw std::runtime_error("kinran:version is '" + text("version") + "' but this plugin reads '1'; update one");
+    if (text("cosine") != "included")
+        throw std::runtime_error("kinran:cosine is '" + text("cosine") + "'; the plugin needs T = f_r cos θ ('included')");
+    if (text("colour") != "lin_ap1_scene")
+        throw std::runtime_error("colour space '" + text("colour") + "' is not 'lin_ap1_scene'; convert the maps");
+    m.model = text("model");
+    m.tail = text("tail", false).empty() ? "gaussian" : text("tail");
+    m.lobes = std::atoi(text("lobes").c_str());
+    m.theta_max = json_numbers(text("measured"), "theta_max").at(0);
+    std::vector<double> matrix = json_numbers(text("from_stack"), "");
+    for (size_t i = 0; i < 9; ++i)
+        m.from_stack[i / 3][i % 3] = matrix.at(i);
+    if (std::string json = text("residual", false); !json.empty()) {
+        m.has_residual = true;
+        Residual &r = m.residual;
+        r.domain = json_text(json, "domain");
+        if (size_t colon = r.domain.find(':'); colon != std::string::npos) {
+            r.number = std::atof(r.domain.c_str() + colon + 1);
+            r.domain.resize(colon);
+        }
+        r.share = json_numbers(json, "share").at(0);
+        r.lights = json_numbers(json, "lights");
+        r.weights = json_numbers(json, "weights");
+        r.count = r.weights.size() / (r.lights.size() / 2 + 3);
+    }
+    Imath::Box2i window = header.dataWindow();
+    m.width = (size_t) (window.max.x - window.min.x + 1);
+    m.height = (size_t) (window.max.y - window.min.y + 1);
+    Imf::FrameBuffer frame;
+    for (auto it = header.channels().begin(); it != header.channels().end(); ++it) {
+        std::vector<float> &plane = m.channels[it.name()];
+        plane.resize(m.width * m.height);
+        char *base = (char *) (plane.data() - window.min.x - (ptrdiff_t) (window.min.y * m.width));
+        frame.insert(it.name(), Imf::Slice(Imf::FLOAT, base, sizeof(float), sizeof(float) * m.width));
+    }
+    file.setFrameBuffer(frame);
+    file.readPixels(window.min.y, window.max.y);
+    check(m);
+    return m;
+}
+
+/// Mean shape of a lobe over the texels that have it, for those that have not
+inline std::vector<float> fill(const Material &m, const std::string &lobe) {
+    static const std::map<std::string, float> neutral = { { "x", 0.f },  { "y", 0.f },     { "xx", .04f },
+                                                          { "xy", 0.f }, { "yy", .04f },   { "theta", 0.f },
+                                                          { "phi", 0.f }, { "dt", .2f },   { "dp", .5f } };
+    const std::vector<float> &amplitude = m.plane(lobe + ".amplitude");
+    std::vector<float> result;
+    for (const std::string &s : m.shape()) {
+        const std::vector<float> &plane = m.plane(lobe + "." + s);
+        double total = 0, sum = 0;
+        for (size_t i = 0; i < plane.size(); ++i) {
+            total += amplitude[i];
+            sum += (double) amplitude[i] * plane[i];
+        }
+        result.push_back(total > 0 ? (float) (sum / total) : neutral.at(s));
+    }
+    return result;
+}
+
+inline void floor_widths(const Material &m, float *shape) {
+    if (m.model == "takeda2008") {
+        shape[2] = std::max(shape[2], WidthFloor);
+        shape[3] = std::max(shape[3], WidthFloor);
+        return;
+    }
+    float xx = shape[2], xy = shape[3], yy = shape[4];
+    float lack = std::max(WidthFloor * WidthFloor - (xx + yy - std::hypot(xx - yy, 2 * xy)) / 2, 0.f);
+    shape[2] += lack;
+    shape[4] += lack;
+}
+
+/// Colour · amplitude · bound in `bands` bands and shape, of the diffuse term and then of each lobe, texel by texel
+inline std::vector<float> pack(const Material &m, size_t bands) {
+    std::vector<float> result;
+    std::vector<const std::vector<float> *> planes;
+    std::vector<std::vector<float>> fills(m.lobes + 1);
+    const std::vector<float> &bound = m.plane("bound");
+    size_t count = 0;
+    for (int k = 0; k <= m.lobes; ++k) {
+        std::string term = k ? "lobe" + std::to_string(k) : "diffuse";
+        std::vector<std::string> names = { "R", "G", "B", "amplitude" };
+        for (const std::string &s : k ? m.shape() : std::vector<std::string>{ "x", "y" })
+            names.push_back(s);
+        for (const std::string &name : names)
+            planes.push_back(&m.plane(term + "." + name));
+        count += bands + names.size() - 4;
+        if (k)
+            fills[k] = fill(m, term);
+    }
+    result.reserve(m.width * m.height * count);
+    for (size_t i = 0; i < m.width * m.height; ++i) {
+        size_t at = 0;
+        for (int k = 0; k <= m.lobes; ++k) {
+            float amplitude = (*planes[at + 3])[i] * bound[i];
+            std::array<float, 3> rgb;
+            for (int c = 0; c < 3; ++c) {
+                double sum = 0;
+                for (int j = 0; j < 3; ++j)
+                    sum += ToRec709[c][j] * (*planes[at + j])[i];
+                rgb[c] = std::max((float) sum * amplitude, 0.f);
+            }
+            if (bands == 1)
+                result.push_back((float) (Luminance[0] * rgb[0] + Luminance[1] * rgb[1] + Luminance[2] * rgb[2]));
+            else
+                result.insert(result.end(), rgb.begin(), rgb.end());
+            at += 4;
+            size_t shape = k ? m.shape().size() : 2;
+            for (size_t s = 0; s < shape; ++s)
+                result.push_back(k && (*planes[at - 1])[i] <= 0 ? fills[k][s] : (*planes[at + s])[i]);
+            if (k)
+                floor_widths(m, result.data() + result.size() - shape);
+            at += shape;
+        }
+    }
+    return result;
+}
+
+}  // namespace kinran

@@ -1,0 +1,109 @@
+"""The compiled plugin is the one in Python, in another language."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plugin_fabrics import random_material
+
+from kinran_bsdf import native, write_material
+from kinran_bsdf.residual import Residual
+
+LOOK_UP = """
+import json, sys
+import numpy as np
+import mitsuba as mi
+import drjit as dr
+
+plugin, variant, files = sys.argv[1], sys.argv[2], json.loads(sys.argv[3])
+mi.set_variant(variant)
+if plugin == "python":
+    import kinran_bsdf
+else:
+    mi.file_resolver().append(plugin)
+rows = []
+for file in files:
+    bsdf = mi.load_dict({"type": "kinran", **file})
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        si = dr.zeros(mi.SurfaceInteraction3f)
+        si.uv = rng.random(2).tolist()
+        si.sh_frame = mi.Frame3f([0, 0, 1])
+        si.dp_du, si.dp_dv = [1, 0, 0], [0, 1, 0]
+        z = rng.uniform(-0.2, 1, 2)
+        x, y = np.sqrt(1 - z * z) * np.array([f(rng.uniform(0, 2 * np.pi, 2)) for f in (np.cos, np.sin)]) / np.sqrt(2)
+        si.wi, wo = ([x[k], y[k], z[k]] / np.sqrt(x[k] ** 2 + y[k] ** 2 + z[k] ** 2) for k in (0, 1))
+        si.wavelengths = [450, 530, 610, 700] if mi.is_spectral else []
+        context = mi.BSDFContext()
+        sample, weight = bsdf.sample(context, si, rng.random(), mi.Point2f(rng.random(2).tolist()))
+        wo = mi.Vector3f(wo.tolist())
+        values = bsdf.eval(context, si, wo), bsdf.pdf(context, si, wo), sample.wo, sample.pdf, weight
+        rows.append(np.concatenate([np.ravel(np.array(value, float)) for value in values]).tolist())
+print(json.dumps(rows))
+"""
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    if reason := native.missing():
+        pytest.skip(reason)
+    folder = tmp_path_factory.mktemp("native")
+    native.build(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def fabrics(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, object]]:
+    """A file of each model, one with two regions and a residual, and a BSDF of constants."""
+    folder = tmp_path_factory.mktemp("fabrics")
+    kinds = [("takeda2008", 1, "gaussian"), ("slope", 1, "ggx"), ("slope", 2, "gaussian"), ("lambert", 0, "gaussian")]
+    found: list[dict[str, object]] = []
+    for number, (model, lobes, tail) in enumerate(kinds):
+        path = folder / f"{number}.exr"
+        write_material(path, random_material(model, lobes, tail, seed=number))
+        found.append({"filename": str(path)})
+    material = random_material("slope", 2, "ggx", seed=9)
+    rng = np.random.default_rng(5)
+    for k in range(3):
+        material.channels.update({f"residual{k}.{c}": rng.normal(0, 0.05, (5, 7)).astype(np.float32) for c in "RGB"})
+    lights = rng.uniform(-0.6, 0.6, (12, 2))
+    material = type(material)(
+        **{**vars(material), "residual": Residual("log:1.5", 0.75, lights, rng.normal(0, 0.1, (15, 2)))}
+    )
+    write_material(folder / "residual.exr", material)
+    return [*found, {"filename": str(folder / "residual.exr")}, {"model": "slope"}]
+
+
+def look_up(plugin: str, variant: str, fabrics: list[dict[str, object]]) -> np.ndarray:
+    run = subprocess.run(
+        [sys.executable, "-c", LOOK_UP, plugin, variant, json.dumps(fabrics)], capture_output=True, text=True
+    )
+    assert run.returncode == 0, run.stderr
+    return np.array(json.loads(run.stdout))
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", "scalar_spectral"])
+def test_it_is_the_plugin_in_python(variant: str, compiled: Path, fabrics: list[dict[str, object]]) -> None:
+    python, found = (look_up(plugin, variant, fabrics) for plugin in ("python", str(compiled)))
+    assert (python[:, 0] > 0).mean() > 0.5
+    np.testing.assert_allclose(found, python, rtol=2e-4, atol=2e-5)
+
+
+def test_mitsuba_renders_without_python(compiled: Path, fabrics: list[dict[str, object]], tmp_path: Path) -> None:
+    scene = tmp_path / "scene.xml"
+    scene.write_text(
+        f"""<scene version="3.0.0"><integrator type="path"/>
+        <sensor type="perspective"><transform name="to_world"><lookat origin="0, 0, 3" target="0, 0, 0" up="0, 1, 0"/>
+        </transform><film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="8"/></film>
+        </sensor>
+        <emitter type="constant"/><shape type="rectangle"><bsdf type="kinran">
+        <string name="filename" value="{fabrics[2]["filename"]}"/></bsdf></shape></scene>"""
+    )
+    command = [str(Path(sys.executable).parent / "mitsuba"), "-m", "scalar_rgb", "-a", str(compiled), str(scene)]
+    run = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": ""})
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert (tmp_path / "scene.exr").stat().st_size > 500
