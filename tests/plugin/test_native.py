@@ -47,7 +47,7 @@ print(json.dumps(rows))
 """
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if reason := native.missing():
         pytest.skip(reason)

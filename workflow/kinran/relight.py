@@ -1,4 +1,4 @@
-"""Relight a material: one picture a light, at the view at which it was measured."""
+"""Relight a material: one picture a light, at the view at which it was measured; lights are directions, far away."""
 
 import argparse
 import sys
