@@ -48,3 +48,12 @@ def test_a_black_texel_faces_the_camera() -> None:
     lights = frames.direction(np.full(6, 0.5), np.arange(6.0))
     found = normals.fit(np.zeros((1, 3, 6), np.float32), np.ones((1, 6), np.float32), lights)
     np.testing.assert_array_equal(found, [[0, 0, 1]])
+
+
+def test_lights_below_the_horizon_of_a_facet_say_nothing() -> None:
+    """Facets tilted by 55° to 75° are dark under half of the lights: Lambert's law is not cos there, but 0."""
+    rng = np.random.default_rng(2)
+    lights = frames.direction(np.full(24, np.radians(50.0)), np.radians(15.0) * np.arange(24))
+    truth = frames.direction(rng.uniform(np.radians(55), np.radians(75), 50), rng.uniform(0, 2 * np.pi, 50))
+    T = np.repeat(0.4 * np.maximum(truth @ lights.T, 0)[:, None], 3, 1).astype(np.float32)
+    assert error(normals.fit(T, np.ones((50, 24), np.float32), lights), truth) < 1

@@ -60,6 +60,7 @@ def variants(names: tuple[str, ...]) -> Any:
 variant_rgb = variants(RGB)
 variant_jit = variants(JIT)
 variant_any = variants(ALL)
+variant_of_bands = variants(tuple(name for name in ALL if "spectral" not in name))
 llvm = variants(("llvm_ad_rgb",))
 
 
