@@ -1,7 +1,7 @@
 """What the BSDF costs and gains, as JSON: time per sample, variance, table interpolation, compilation, memory.
 
-Run with `python benchmarks/bench_bsdf.py [--out FILE] [--large]`. Times are process CPU times, the contenders
-interleaved, medians of the rounds; only ratios within one run mean anything.
+Run with `python benchmarks/bench_bsdf.py [--out FILE] [--large] [--variant cuda_ad_rgb]`. Times are process CPU times,
+on a GPU wall times, the contenders interleaved, medians of the rounds; only ratios within one run mean anything.
 """
 
 import argparse
@@ -144,11 +144,20 @@ def contenders(folder: Path, size: int) -> dict[str, dict[str, Any]]:
     return result
 
 
-def cpu(run: Callable[[], Any]) -> float:
-    start = time.process_time()
-    run()
+def on_gpu() -> bool:
+    return mi.variant().startswith("cuda")
+
+
+def clock() -> float:
+    """Seconds: of the CPU, or of the wall where a GPU works."""
     dr.sync_thread()
-    return time.process_time() - start
+    return time.perf_counter() if on_gpu() else time.process_time()
+
+
+def spent(run: Callable[[], Any]) -> float:
+    start = clock()
+    run()
+    return clock() - start
 
 
 def interleaved(runs: dict[str, Callable[[], Any]], rounds: int = ROUNDS) -> dict[str, list[float]]:
@@ -157,7 +166,7 @@ def interleaved(runs: dict[str, Callable[[], Any]], rounds: int = ROUNDS) -> dic
         run()
     for _ in range(rounds):
         for name, run in runs.items():
-            times[name].append(cpu(run))
+            times[name].append(spent(run))
     return times
 
 
@@ -170,12 +179,12 @@ def ratios(times: dict[str, list[float]], base: str) -> dict[str, float]:
 
 
 def cost(folder: Path) -> dict[str, Any]:
-    """Path tracing of one scene, 512 × 512, 8 samples a pixel."""
-    shape, result = cloth(folder), {}
+    """Path tracing of one scene, 512 × 512, 8 samples a pixel (on a GPU 256)."""
+    shape, result, spp = cloth(folder), {}, 256 if on_gpu() else 8
     for size in (128, 2048):
         scenes = {name: scene(shape, bsdf, 512, "area") for name, bsdf in contenders(folder, size).items()}
-        times = interleaved({n: lambda s=s: dr.eval(mi.render(s, spp=8, seed=1)) for n, s in scenes.items()})
-        samples = 512 * 512 * 8
+        times = interleaved({n: lambda s=s: dr.eval(mi.render(s, spp=spp, seed=1)) for n, s in scenes.items()})
+        samples = 512 * 512 * spp
         result[f"{size}x{size}"] = {
             "ns_per_sample": {n: round(statistics.median(t) / samples * 1e9, 1) for n, t in times.items()},
             "over_diffuse": ratios(times, "diffuse"),
@@ -231,10 +240,9 @@ def gain(folder: Path) -> dict[str, Any]:
                 for name, bsdf in (("lobe", lobe), ("cosine", {"type": "cosine", "inner": lobe})):
                     s = scene(shape, bsdf, 96, light, depth=2)
                     mi.render(s, spp=32)
-                    start = time.process_time()
+                    start = clock()
                     images = [np.array(mi.render(s, spp=32, seed=k)) for k in range(8)]
-                    spent = time.process_time() - start
-                    work[name] = float(np.var(images, 0, ddof=1).mean()) * spent
+                    work[name] = float(np.var(images, 0, ddof=1).mean()) * (clock() - start)
                     means[name] = float(np.mean(images))
                 result[f"{model}, width {width}, {light}"] = {
                     "gain": round(work["cosine"] / work["lobe"], 2),
@@ -292,7 +300,7 @@ def compile_cold(folder: Path) -> Any:
     if os.environ.get("DRJIT_CACHE_DIR") != str(folder.parent):  # Dr.Jit reads it when it starts
         with tempfile.TemporaryDirectory() as cache:
             environment = os.environ | {"DRJIT_CACHE_DIR": cache, "TMPDIR": cache}
-            command = [sys.executable, __file__, "--only", "compile"]
+            command = [sys.executable, __file__, "--only", "compile", "--variant", mi.variant()]
             run = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
             return json.loads(run.stdout)["compile"]
     shape, result = cloth(folder, 8), {}
@@ -315,7 +323,7 @@ import drjit as dr, mitsuba as mi
 def status(key):
     line = next(line for line in open("/proc/self/status") if line.startswith(key))
     return int(line.split()[1]) / 1e3
-mi.set_variant("llvm_ad_rgb")
+mi.set_variant({mi.variant()!r})
 import kinran_bsdf
 before = status("VmRSS")
 bsdf = mi.load_dict({{"type": "kinran", "filename": {str(path)!r}}})
@@ -340,10 +348,11 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="JSON file to write (default: print)")
     parser.add_argument("--large", action="store_true", help="measure the memory of a 4096 × 4096 fabric too")
     parser.add_argument("--only", choices=["cost", "gain", "table", "compile", "memory"])
+    parser.add_argument("--variant", default="llvm_ad_rgb", help="of Mitsuba: llvm_ad_rgb or cuda_ad_rgb")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        mi.set_variant("llvm_ad_rgb")
+        mi.set_variant(args.variant)
         sizes = [128, 2048, 4096] if args.large else [128, 2048]
         parts: dict[str, Callable[[], Any]] = {
             "compile": lambda: compile_cold(folder),

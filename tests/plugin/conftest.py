@@ -21,8 +21,8 @@ from kinran_bsdf import Material
 
 REQUIRED = set(filter(None, os.environ.get("KINRAN_REQUIRE_VARIANTS", "").split(",")))
 RGB = ("scalar_rgb", "llvm_ad_rgb", "cuda_ad_rgb")
-JIT = ("llvm_ad_rgb", "llvm_ad_spectral", "llvm_ad_mono", "cuda_ad_rgb")
-ALL = ("scalar_rgb", "scalar_spectral", *JIT, "llvm_ad_spectral_polarized")
+JIT = tuple(f"{backend}_ad_{colour}" for backend in ("llvm", "cuda") for colour in ("rgb", "spectral", "mono"))
+ALL = ("scalar_rgb", "scalar_spectral", *JIT, "llvm_ad_spectral_polarized", "cuda_ad_spectral_polarized")
 
 
 @cache
@@ -61,7 +61,7 @@ variant_rgb = variants(RGB)
 variant_jit = variants(JIT)
 variant_any = variants(ALL)
 variant_of_bands = variants(tuple(name for name in ALL if "spectral" not in name))
-llvm = variants(("llvm_ad_rgb",))
+jit = variants(("llvm_ad_rgb", "cuda_ad_rgb"))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -69,7 +69,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     def variant(item: pytest.Item) -> str:
         params = getattr(getattr(item, "callspec", None), "params", {})
-        return next((str(v) for k, v in params.items() if k.startswith("variant") or k == "llvm"), "")
+        return next((str(v) for k, v in params.items() if k.startswith("variant") or k == "jit"), "")
 
     here = [k for k, item in enumerate(items) if "plugin" in item.path.parts]
     for k, item in zip(here, sorted((items[k] for k in here), key=variant), strict=True):

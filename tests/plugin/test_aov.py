@@ -13,7 +13,7 @@ from kinran_bsdf import Material, write_material
 
 @pytest.mark.parametrize("twosided", [False, True])
 def test_distance_label_and_bound_of_each_pixel(
-    llvm: str, fabric: Callable[..., Material], tmp_path: Path, twosided: bool
+    jit: str, fabric: Callable[..., Material], tmp_path: Path, twosided: bool
 ) -> None:
     m = fabric(size=(1, 1))
     m.channels["bound"][:], m.channels["label"][:] = 0.5, 3
@@ -46,7 +46,7 @@ def test_distance_label_and_bound_of_each_pixel(
     assert {-1.0} < set(np.unique(label)) <= {-1.0, 3.0}
 
 
-def test_bound_scales_what_is_rendered(llvm: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
+def test_bound_scales_what_is_rendered(jit: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
     m = fabric(size=(1, 1))
     write_material(tmp_path / "a.exr", m)
     m.channels["bound"][:] = 0.25

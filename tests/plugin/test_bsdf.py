@@ -100,12 +100,12 @@ def test_flags_and_components(variant_any: str) -> None:
         ({"lobe1_z": 0.2}, "unreferenced"),
     ],
 )
-def test_bad_properties_are_refused(llvm: str, properties: dict[str, Any], says: str) -> None:
+def test_bad_properties_are_refused(jit: str, properties: dict[str, Any], says: str) -> None:
     with pytest.raises((ValueError, RuntimeError), match=says):
         mi.load_dict({"type": "kinran", **properties})
 
 
-def test_angles_are_never_interpolated(llvm: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
+def test_angles_are_never_interpolated(jit: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
     write_material(tmp_path / "a.exr", fabric("takeda2008"))
     with pytest.raises((ValueError, RuntimeError), match="would average angles"):
         load(tmp_path / "a.exr", filter="bilinear")
@@ -113,7 +113,7 @@ def test_angles_are_never_interpolated(llvm: str, fabric: Callable[..., Material
         load(tmp_path / "a.exr", wrap_mode="mirror")
 
 
-def test_constants_equal_a_map_of_them(llvm: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
+def test_constants_equal_a_map_of_them(jit: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
     m = fabric(size=(1, 1))
     write_material(tmp_path / "a.exr", m)
     properties: dict[str, Any] = {"type": "kinran"}
@@ -130,7 +130,7 @@ def test_constants_equal_a_map_of_them(llvm: str, fabric: Callable[..., Material
     np.testing.assert_allclose(there, evaluate(load(tmp_path / "a.exr"), uv, view, light), rtol=1e-4, atol=1e-6)
 
 
-def test_textures_can_give_any_parameter(llvm: str) -> None:
+def test_textures_can_give_any_parameter(jit: str) -> None:
     checker = {"type": "checkerboard", "color0": 0.4, "color1": 0.1}
     bsdf = mi.load_dict({"type": "kinran", "lobe1_x": checker, "lobe1_xx": 0.01, "lobe1_yy": 0.01, "diffuse": 0.0})
     n = [[0.0, 0.0, 1.0]]
@@ -140,7 +140,7 @@ def test_textures_can_give_any_parameter(llvm: str) -> None:
 
 
 @pytest.mark.parametrize("wrap", ["repeat", "clamp"])
-def test_wrap_mode_and_to_uv(llvm: str, fabric: Callable[..., Material], tmp_path: Path, wrap: str) -> None:
+def test_wrap_mode_and_to_uv(jit: str, fabric: Callable[..., Material], tmp_path: Path, wrap: str) -> None:
     """A fabric laid out 3 × 2 times: row 0 of the map is v = 0, and beyond 1 it repeats or stays."""
     m = fabric(size=(4, 4))
     write_material(tmp_path / "a.exr", m)
@@ -168,7 +168,7 @@ def test_back_side_is_lambertian_and_absent_by_default(variant_rgb: str) -> None
 
 
 @pytest.mark.parametrize("model", ["slope", "takeda2008"])
-def test_white_furnace_with_the_clamp(llvm: str, fabric: Callable[..., Material], tmp_path: Path, model: str) -> None:
+def test_white_furnace_with_the_clamp(jit: str, fabric: Callable[..., Material], tmp_path: Path, model: str) -> None:
     """Far too bright lobes: with `bound` no texel gives back more than the sky gave it, seen from N."""
     m = fabric(model, size=(4, 4))
     m.channels["lobe1.amplitude"][:] *= 8

@@ -41,9 +41,7 @@ def apex(m: Material, levels: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("size", [(64, 64), (48, 80), (37, 53)])
-def test_levels_keep_energy_mean_and_variance(
-    llvm: str, fabric: Callable[..., Material], size: tuple[int, int]
-) -> None:
+def test_levels_keep_energy_mean_and_variance(jit: str, fabric: Callable[..., Material], size: tuple[int, int]) -> None:
     m = weave(fabric, size)
     top = apex(m, 6)
     assert top.shape[:2] == (1, 1)
@@ -60,7 +58,7 @@ def test_levels_keep_energy_mean_and_variance(
     np.testing.assert_allclose(energy, (texels[:, 5:8] * unit[:, None]).mean(0), rtol=1e-5)
 
 
-def test_fabric_without_lobes_has_a_pyramid(llvm: str, fabric: Callable[..., Material]) -> None:
+def test_fabric_without_lobes_has_a_pyramid(jit: str, fabric: Callable[..., Material]) -> None:
     m = fabric(size=(8, 8))
     m.channels["lobe1.amplitude"][:] = 0
     top = apex(m, 3)
@@ -69,7 +67,7 @@ def test_fabric_without_lobes_has_a_pyramid(llvm: str, fabric: Callable[..., Mat
 
 
 @pytest.mark.parametrize("wrap", ["repeat", "clamp"])
-def test_each_level_is_found_and_wraps(llvm: str, fabric: Callable[..., Material], wrap: str) -> None:
+def test_each_level_is_found_and_wraps(jit: str, fabric: Callable[..., Material], wrap: str) -> None:
     packed = pack(weave(fabric, (24, 40)))
     pyramid = Pyramid(packed, 3, wrap)
     level = packed
@@ -109,7 +107,7 @@ PIXEL = np.radians(10) / 16
 @pytest.mark.parametrize("light", [[0, 0, -1], [-0.5, 0, -0.9], [0.3, 0.4, -0.9]])
 @pytest.mark.parametrize(("make", "bound"), [(rough, 0.05), (weave, 0.25)])
 def test_far_view_is_the_supersampled_one(
-    llvm: str, fabric: Callable[..., Material], tmp_path: Path, light: list[float], make: Any, bound: float
+    jit: str, fabric: Callable[..., Material], tmp_path: Path, light: list[float], make: Any, bound: float
 ) -> None:
     """A pixel covers 14 × 14 texels or more: one sample of the pyramid against 1024 of the map.
 
@@ -129,7 +127,7 @@ def test_far_view_is_the_supersampled_one(
     assert error(aliased) > 2 * error(filtered)
 
 
-def test_far_view_keeps_the_mean_energy(llvm: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
+def test_far_view_keeps_the_mean_energy(jit: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
     """Under a white sky the pyramid reflects what the map reflects."""
     write_material(tmp_path / "a.exr", weave(fabric))
     means = []
@@ -146,13 +144,13 @@ def test_far_view_keeps_the_mean_energy(llvm: str, fabric: Callable[..., Materia
     np.testing.assert_allclose(means[1], means[0], rtol=0.01)
 
 
-def test_near_view_uses_the_map_itself(llvm: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
+def test_near_view_uses_the_map_itself(jit: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
     write_material(tmp_path / "a.exr", weave(fabric))
     there = far_view(tmp_path / "a.exr", [0, 0, -1], 4, 0.0, 1)
     np.testing.assert_allclose(far_view(tmp_path / "a.exr", [0, 0, -1], 4, 1e-6, 1), there, rtol=1e-5)
 
 
-def test_angles_and_textures_have_no_pyramid(llvm: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
+def test_angles_and_textures_have_no_pyramid(jit: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
     write_material(tmp_path / "a.exr", fabric("takeda2008"))
     with pytest.raises((ValueError, RuntimeError), match="would average angles"):
         mi.load_dict({"type": "kinran", "filename": str(tmp_path / "a.exr"), "pixel_angle": 0.01})

@@ -68,7 +68,7 @@ SPP, REFERENCE_SPP = 256, 4096
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_render_is_the_stored_one(llvm: str, fabric: Callable[..., Material], tmp_path: Path, case: str) -> None:
+def test_render_is_the_stored_one(jit: str, fabric: Callable[..., Material], tmp_path: Path, case: str) -> None:
     """A fabric whose lobe leans 10° further, in the same test, is told from it."""
     m = fabric(*CASES[case], size=(8, 8), seed=3)
     write_material(tmp_path / "a.exr", m)

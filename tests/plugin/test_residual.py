@@ -69,7 +69,7 @@ def test_a_missing_map_is_named(tmp_path: Path, material: Material) -> None:
         write_material(tmp_path / "m.exr", replace(material, channels=channels))
 
 
-def test_render_is_relight_at_the_measured_view(tmp_path: Path, material: Material, llvm: str) -> None:
+def test_render_is_relight_at_the_measured_view(tmp_path: Path, material: Material, jit: str) -> None:
     """Up to the table of the spline: 128 steps for what relighting evaluates exactly."""
     write_material(tmp_path / "m.exr", material)
     bsdf, uv = load(tmp_path / "m.exr", filter="nearest"), centres(material.size)
@@ -81,7 +81,7 @@ def test_render_is_relight_at_the_measured_view(tmp_path: Path, material: Materi
 
 
 def test_it_fades_where_nothing_was_measured_and_is_never_negative(
-    tmp_path: Path, material: Material, llvm: str
+    tmp_path: Path, material: Material, jit: str
 ) -> None:
     write_material(tmp_path / "m.exr", material)
     write_material(tmp_path / "plain.exr", replace(material, residual=None))

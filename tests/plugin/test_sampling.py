@@ -93,7 +93,7 @@ TESTS = len(MODELS) * len(CASES) * len(INCIDENCE)
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("incidence", INCIDENCE)
-def test_samples_follow_the_density(llvm: str, model: str, case: str, incidence: str) -> None:
+def test_samples_follow_the_density(jit: str, model: str, case: str, incidence: str) -> None:
     test = chi2(model, case, incidence)
     assert test.run(quiet=True, test_count=TESTS), test.messages
 
@@ -124,7 +124,7 @@ def _brighter(wi: Any, wo: Any, pdf: Any) -> Any:
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("spoil", [_without_jacobian, _without_sine, _turned, _brighter])
-def test_a_wrong_density_is_rejected(llvm: str, model: str, spoil: Any) -> None:
+def test_a_wrong_density_is_rejected(jit: str, model: str, spoil: Any) -> None:
     """Negative controls: the test above can fail."""
     assert not chi2(model, "middle", "45°", spoil).run(quiet=True, test_count=TESTS)
 
@@ -132,7 +132,7 @@ def test_a_wrong_density_is_rejected(llvm: str, model: str, spoil: Any) -> None:
 @pytest.mark.parametrize(
     ("model", "component"), [(model, k) for model in MODELS for k in range(3 if "two" in model else 2)]
 )
-def test_one_component_is_sampled_alone(llvm: str, model: str, component: int) -> None:
+def test_one_component_is_sampled_alone(jit: str, model: str, component: int) -> None:
     from mitsuba.chi2 import BSDFAdapter, ChiSquareTest, SphericalDomain
 
     context = mi.BSDFContext()
@@ -144,7 +144,7 @@ def test_one_component_is_sampled_alone(llvm: str, model: str, component: int) -
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("case", CASES)
-def test_weight_is_eval_over_pdf(llvm: str, model: str, case: str) -> None:
+def test_weight_is_eval_over_pdf(jit: str, model: str, case: str) -> None:
     bsdf, n, rng = mi.load_dict(parameters(model, case)), 20_000, np.random.default_rng(3)
     si = dr.zeros(mi.SurfaceInteraction3f, n)
     si.wi = mi.warp.square_to_uniform_hemisphere(mi.Point2f(rng.random((2, n)).astype(np.float32)))
@@ -165,7 +165,7 @@ def test_weight_is_eval_over_pdf(llvm: str, model: str, case: str) -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("incidence", INCIDENCE)
-def test_albedo_by_sampling_is_albedo_by_uniform_directions(llvm: str, model: str, incidence: str) -> None:
+def test_albedo_by_sampling_is_albedo_by_uniform_directions(jit: str, model: str, incidence: str) -> None:
     """The furnace, twice: no energy is made or lost by the sampler."""
     bsdf, n, rng = mi.load_dict(parameters(model, "middle")), 1 << 20, np.random.default_rng(5)
     si = dr.zeros(mi.SurfaceInteraction3f, n)

@@ -53,23 +53,25 @@ def test_xml_dict_and_twosided_render_alike(variant_any: str, fabric: Callable[.
     np.testing.assert_allclose(here, there, rtol=1e-3, atol=1e-4)
 
 
-def test_repeated_renders_compile_nothing_new(llvm: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
+def test_repeated_renders_compile_nothing_new(jit: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
     """Other maps, sizes, layouts and ranges of lights, same kernels."""
     for k in range(3):
         write_material(tmp_path / f"{k}.exr", replace(fabric(seed=k, size=(5 + k, 7)), theta_max=1.49 + 0.01 * k))
-    misses = []
+    kernels = []
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         for k in range(3):
             bsdf = {"type": "kinran", "filename": str(tmp_path / f"{k}.exr")}
             bsdf["to_uv"] = mi.ScalarTransform4f().scale([k + 2, 3, 1])
-            mi.render(mi.load_dict(scene(bsdf)), spp=2, seed=k)
+            frame = scene(bsdf)
+            del frame["sky"]  # a kernel holds its number among all emitters that are alive
+            mi.render(mi.load_dict(frame), spp=2, seed=k)
             dr.eval()
-            history = [h for h in dr.kernel_history() if h["type"] == dr.KernelType.JIT]
-            misses.append(sum(not h["cache_hit"] for h in history))
-    assert misses[1:] == [0, 0]
+            kernels.append({h["hash"] for h in dr.kernel_history() if h["type"] == dr.KernelType.JIT})
+    assert kernels[0]
+    assert kernels[0] >= kernels[1] | kernels[2]
 
 
-def test_gradients_recover_a_map_from_renders(llvm: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
+def test_gradients_recover_a_map_from_renders(jit: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
     """From two renders of a 2 × 2 fabric, gradient descent finds slopes that were off by 0.12."""
     m = fabric(size=(2, 2))
     m.channels["lobe1.xx"][:] = m.channels["lobe1.yy"][:] = 0.08
@@ -107,7 +109,7 @@ def test_gradients_recover_a_map_from_renders(llvm: str, fabric: Callable[..., M
     assert np.abs(found - np.array(right)[..., columns]).max() < 0.04
 
 
-def test_jit_flags_change_nothing(llvm: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
+def test_jit_flags_change_nothing(jit: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
     write_material(tmp_path / "a.exr", fabric(lobes=2))
     images = []
     for on in (True, False):
@@ -119,7 +121,7 @@ def test_jit_flags_change_nothing(llvm: str, fabric: Callable[..., Material], tm
 
 
 def test_a_whole_scene_of_fabrics_renders_in_one_kernel(
-    llvm: str, fabric: Callable[..., Material], tmp_path: Path
+    jit: str, fabric: Callable[..., Material], tmp_path: Path
 ) -> None:
     """Six fabrics of three models in one scene, read in parallel: as if they stood alone."""
     kinds = [("slope", 1, "gaussian"), ("slope", 2, "ggx"), ("takeda2008", 1, "gaussian")] * 2
@@ -139,7 +141,7 @@ def test_a_whole_scene_of_fabrics_renders_in_one_kernel(
 
 
 def test_samples_of_a_frozen_scene_move_with_its_parameters(
-    llvm: str, fabric: Callable[..., Material], tmp_path: Path
+    jit: str, fabric: Callable[..., Material], tmp_path: Path
 ) -> None:
     write_material(tmp_path / "a.exr", fabric())
     frame = mi.load_dict(scene({"type": "kinran", "filename": str(tmp_path / "a.exr")}))

@@ -66,7 +66,7 @@ LAYOUTS: dict[str, tuple[Callable[[float, float], tuple[float, float]], tuple[in
     ("kind", "layout"), [("rectangle", "straight"), *((kind, layout) for kind in ("ply", "obj") for layout in LAYOUTS)]
 )
 def test_lobe_leans_along_the_weft_whatever_the_uv_layout(
-    llvm: str, fabric: Callable[..., Material], tmp_path: Path, kind: str, layout: str
+    jit: str, fabric: Callable[..., Material], tmp_path: Path, kind: str, layout: str
 ) -> None:
     """X is +u and Y is +v on the surface itself, on mirrored layouts too."""
     uv, x, y = LAYOUTS[layout]
@@ -101,7 +101,7 @@ def brightest(si: Any) -> list[float]:
 
 @pytest.mark.parametrize("angle", [90.0, 30.0, 180.0])
 def test_to_uv_turns_the_weft_with_the_map(
-    llvm: str, fabric: Callable[..., Material], tmp_path: Path, angle: float
+    jit: str, fabric: Callable[..., Material], tmp_path: Path, angle: float
 ) -> None:
     weft_lobe(tmp_path / "a.exr", fabric)
     transform = mi.ScalarTransform3f().rotate(angle)
