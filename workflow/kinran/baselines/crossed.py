@@ -61,10 +61,7 @@ def predict(fitted: Crossed, lights: Array) -> Samples:
     """Samples (texel, 3, light) under other lights."""
     texels = len(fitted.shapes)
     G = families(fitted.shapes.reshape(-1, 4), lights)[0].reshape(texels, 2, -1)
-    total = fitted.colours[:, 2, :, None] * lights[:, 2]
-    for k in range(2):
-        total += fitted.colours[:, k, :, None] * G[:, k, None]
-    return np.asarray(total, np.float32)
+    return separable.predict(G, fitted.colours, lights[:, 2])
 
 
 def families(p: Array, lights: Array) -> tuple[Array, Array]:

@@ -52,10 +52,8 @@ def fit(T: Samples, W: Samples, lights: Array) -> LafortunePair:
 
 def predict(fitted: LafortunePair, lights: Array) -> Samples:
     """Samples (texel, 3, light) under other lights."""
-    total = fitted.colours[:, 2, :, None] * lights[:, 2]
-    for k in range(2):
-        total += fitted.colours[:, k, :, None] * lobe(fitted.shapes[:, k], lights)[0][:, None]
-    return np.asarray(total, np.float32)
+    G = np.stack([lobe(fitted.shapes[:, k], lights)[0] for k in range(2)], 1)
+    return separable.predict(G, fitted.colours, lights[:, 2])
 
 
 def lobe(p: Array, lights: Array) -> tuple[Array, Array]:

@@ -56,6 +56,14 @@ def fit(
     return SeparableFit(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
+def predict(G: Array, colours: Array, cosine: Array) -> NDArray[np.float32]:
+    """Samples (texel, 3, light) of lobes with values G (texel, lobes, light), as `fit` has colours and cosines."""
+    total = colours[:, -1, :, None] * cosine
+    for k in range(G.shape[1]):
+        total += colours[:, k, :, None] * G[:, k, None]
+    return np.asarray(total, np.float32)
+
+
 def _descend(
     lobe: Lobe, p: Array, y: Array, w: Array, cosine: Array, low: Array, high: Array
 ) -> tuple[Array, Array, Array]:

@@ -1,7 +1,10 @@
 """RAW frames, as the planes of the sensor's colour filter array."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,13 +66,8 @@ def raw_size(path: Path) -> tuple[int, int]:
     InputError
         It cannot be read.
     """
-    import rawpy
-
-    try:
-        with rawpy.imread(str(path)) as raw:
-            return raw.sizes.width // 2, raw.sizes.height // 2
-    except rawpy.LibRawError as error:
-        raise InputError(f"{path}: cannot be read as RAW ({error}); copy it from the camera again") from None
+    with _opened(path) as raw:
+        return raw.sizes.width // 2, raw.sizes.height // 2
 
 
 def camera_matrix(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -87,13 +85,8 @@ def camera_matrix(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]
     InputError
         It cannot be read.
     """
-    import rawpy
-
-    try:
-        with rawpy.imread(str(path)) as raw:
-            from_xyz = np.array(raw.rgb_xyz_matrix[:3], float)
-    except rawpy.LibRawError as error:
-        raise InputError(f"{path}: cannot be read as RAW ({error}); copy it from the camera again") from None
+    with _opened(path) as raw:
+        from_xyz = np.array(raw.rgb_xyz_matrix[:3], float)
     if not from_xyz.any():
         return np.ones(3), np.eye(3)
     camera = from_xyz @ REC709_TO_XYZ
@@ -109,37 +102,44 @@ def read_raw(path: Path) -> RawFrame:
     InputError
         The file is missing, cut off, or not of a Bayer sensor.
     """
-    import rawpy
-
     if not path.is_file():
         raise InputError(f"{path}: no such file; put it back or take it off the list")
+    with _opened(path) as raw:
+        if raw.raw_pattern is None or raw.raw_pattern.shape != (2, 2):
+            raise InputError(f"{path}: is not of a Bayer sensor; give RAW frames of one")
+        sizes, full = raw.sizes, raw.raw_image
+        visible = raw.raw_image_visible
+        height, width = (visible.shape[0] // 2) * 2, (visible.shape[1] // 2) * 2
+        names = raw.color_desc.decode()
+        planes = np.empty((4, height // 2, width // 2), np.uint16)
+        for row in (0, 1):
+            of_row = [names[k] for k in raw.raw_colors_visible[row, :2]]
+            for column, name in enumerate(of_row):
+                plane = {"R": 0, "G": 1 if "R" in of_row else 2, "B": 3}[name]
+                planes[plane] = visible[row:height:2, column:width:2][::-1]
+        border = full[: sizes.top_margin]
+        masked = border.size >= LEAST_MASK
+        black = _middle(border) if masked else float(np.mean(raw.black_level_per_channel))
+        return RawFrame(
+            planes,
+            black,
+            masked,
+            float(raw.white_level),
+            raw.other.shutter_speed,
+            raw.other.iso_speed,
+            raw.other.aperture,
+            TURNS.get(sizes.flip, 0),
+        )
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """The file as LibRaw reads it; what goes wrong while it is open is said of the file."""
+    import rawpy
+
     try:
         with rawpy.imread(str(path)) as raw:
-            if raw.raw_pattern is None or raw.raw_pattern.shape != (2, 2):
-                raise InputError(f"{path}: is not of a Bayer sensor; give RAW frames of one")
-            sizes, full = raw.sizes, raw.raw_image
-            visible = raw.raw_image_visible
-            height, width = (visible.shape[0] // 2) * 2, (visible.shape[1] // 2) * 2
-            names = raw.color_desc.decode()
-            planes = np.empty((4, height // 2, width // 2), np.uint16)
-            for row in (0, 1):
-                of_row = [names[k] for k in raw.raw_colors_visible[row, :2]]
-                for column, name in enumerate(of_row):
-                    plane = {"R": 0, "G": 1 if "R" in of_row else 2, "B": 3}[name]
-                    planes[plane] = visible[row:height:2, column:width:2][::-1]
-            border = full[: sizes.top_margin]
-            masked = border.size >= LEAST_MASK
-            black = _middle(border) if masked else float(np.mean(raw.black_level_per_channel))
-            return RawFrame(
-                planes,
-                black,
-                masked,
-                float(raw.white_level),
-                raw.other.shutter_speed,
-                raw.other.iso_speed,
-                raw.other.aperture,
-                TURNS.get(sizes.flip, 0),
-            )
+            yield raw
     except (rawpy.LibRawError, KeyError) as error:
         message = error.args[0].decode() if error.args and isinstance(error.args[0], bytes) else error
         raise InputError(f"{path}: cannot be read as RAW ({message}); copy it from the camera again") from None
