@@ -19,6 +19,7 @@ from kinran.report import charts
 from kinran.report.certainty import certainty_section
 from kinran.report.colours import chart_section
 from kinran.report.page import embed, embed_file
+from kinran.report.relit import relit_section
 from kinran_bsdf.colours import TO_REC709
 from kinran_bsdf.material import Material, read_material
 
@@ -43,12 +44,14 @@ def gather(fabric: str, results: Path, captures: Path) -> Values:
         "evaluation": embed_file(results / "evaluation.png"),
         "render_caption": _render_caption(results, material),
         "numbers": _numbers(errors),
+        "relit": relit_section(material),
         "lights": Markup(charts.lights(_lights(plan, errors["held_out"]))),
         "capture": _capture(plan, captures, calibration),
         "colours": chart_section(calibration),
         **_regions(results, regions, material, calibration),
         "model": material.model,
         "maps": [(caption, embed(pictures.enlarge(p, MAP_WIDTH))) for caption, p in _maps(material)],
+        "clamped": bool((material.channels["bound"] < 1).any()),
         **_errors(errors, plan),
         "certainty": certainty_section(results / "fit"),
         **_costs(errors),
@@ -216,7 +219,8 @@ def _maps(material: Material) -> list[tuple[str, pictures.Picture]]:
         )
         maps.append(("dt, to 0.6 rad", pictures.heat(channels["lobe1.dt"], 0.6)))
         maps.append(("dp, to π", pictures.heat(channels["lobe1.dp"], math.pi)))
-    maps.append(("Where the albedo bound clamps (pale: by half)", pictures.heat(1 - channels["bound"], 0.5)))
+    if (channels["bound"] < 1).any():
+        maps.append(("Where the albedo bound clamps (pale: by half)", pictures.heat(1 - channels["bound"], 0.5)))
     return maps
 
 
