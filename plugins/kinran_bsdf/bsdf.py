@@ -128,31 +128,39 @@ def _make_class() -> Any:
             return [w * norm for w in weights]
 
         def _value(self, si: Any, terms: list[Term], enabled: list[bool], v: Any, l: Any) -> Any:  # noqa: E741
-            value = mi.UnpolarizedSpectrum(0)
-            if enabled[0]:
-                x, y = terms[0].shape
-                value += terms[0].colour * models.diffuse_lift(v, l, x, y, self.floor, xp=dr)
-            for k, term in enumerate(terms[1:], 1):
-                if enabled[k]:
-                    value += term.colour * models.lobe(self.model, self.tail, v, l, term.shape, self.floor, xp=dr)
+            """T; a residual goes with the diffuse term."""
             if self.maps.residual is not None and enabled[0]:
-                value = dr.maximum(value + self._residual(si, terms, v, l), 0)
+                change = self._residual(si, terms, v, l)
+                factors = [f if on else 0 for f, on in zip(self._factors(terms, v, l), enabled, strict=True)]
+                whole = [dr.maximum(a + b, 0) for a, b in zip(_bands(terms, factors), change, strict=True)]
+                return self.maps.spectrum(si, whole, True)
+            value = mi.UnpolarizedSpectrum(0)
+            for term, factor, on in zip(terms, self._factors(terms, v, l), enabled, strict=True):
+                if on:
+                    value += term.colour * factor
             return value
 
-        def _residual(self, si: Any, terms: list[Term], v: Any, l: Any) -> Any:  # noqa: E741
-            """Residual at the light that has the same half vector at the measured view, fading out beyond it."""
+        def _factors(self, terms: list[Term], v: Any, l: Any) -> list[Any]:  # noqa: E741
+            """What colour · amplitude of each term is multiplied by for a view and a light."""
+            x, y = terms[0].shape
+            factors = [models.diffuse_lift(v, l, x, y, self.floor, xp=dr)]
+            for term in terms[1:]:
+                factors.append(models.lobe(self.model, self.tail, v, l, term.shape, self.floor, xp=dr))
+            return factors
+
+        def _residual(self, si: Any, terms: list[Term], v: Any, l: Any) -> list[Any]:  # noqa: E741
+            """Residual at the light that has the same half vector at the measured view, fading out beyond it.
+
+            Three bands in Rec. 709.
+            """
             h = dr.normalize(v + l)
             view = mi.Vector3f(0, 0, 1)
             light = mi.Vector3f(2 * h.z * h.x, 2 * h.z * h.y, 2 * h.z * h.z - 1)
-            x, y = terms[0].shape
-            factors = [models.diffuse_lift(view, light, x, y, self.floor, xp=dr)]
-            for term in terms[1:]:
-                factors.append(models.lobe(self.model, self.tail, view, light, term.shape, self.floor, xp=dr))
-            lobes = [sum(f * t.bands[c] for f, t in zip(factors, terms, strict=True)) for c in range(3)]
+            lobes = _bands(terms, self._factors(terms, view, light))
             measured = light.z >= self.floor
             change = self.maps.residual.change(lobes, light, self._uv(si), measured)
             fade = dr.select(measured, models.release(v, l, xp=dr), 0)
-            return self.maps.spectrum(si, [fade * c for c in change], measured)
+            return [fade * c for c in change]
 
         def _density(self, terms: list[Term], p: list[Any], v: Any, l: Any) -> Any:  # noqa: E741
             density = p[0] * l.z * dr.inv_pi
@@ -264,6 +272,11 @@ def _make_class() -> Any:
             return f"Kinran[model={self.model}, tail={self.tail}, lobes={self.lobes}]"
 
     return Kinran
+
+
+def _bands(terms: list[Term], factors: list[Any]) -> list[Any]:
+    """T in Rec. 709 of terms under their factors."""
+    return [sum(f * t.bands[c] for f, t in zip(factors, terms, strict=True)) for c in range(3)]
 
 
 def _none(mask: Any) -> bool:

@@ -42,15 +42,10 @@ BLUE = np.array(
 )
 
 
-def bands() -> int:
-    """Number of channels that a colour takes in the current variant: 1 in mono, otherwise 3."""
-    return 1 if mi.is_monochromatic else 3
-
-
-def pack(colour: Map) -> Map:
-    """ACEScg (..., 3) to the bands of the current variant, (..., bands); negative components become 0."""
+def pack(colour: Map, bands: int) -> Map:
+    """ACEScg (..., 3) to linear Rec.709 (3 bands) or its luminance (1); negative components become 0."""
     rec709 = np.maximum(colour @ TO_REC709.T, 0)
-    return (rec709 @ LUMINANCE[:, None] if bands() == 1 else rec709).astype(np.float32)
+    return (rec709 @ LUMINANCE[:, None] if bands == 1 else rec709).astype(np.float32)
 
 
 class Primaries:
@@ -74,6 +69,8 @@ class Primaries:
     @staticmethod
     def spectrum(values: list[Any], primaries: list[list[Any]] | None) -> Any:
         """Spectrum of packed bands `values`, given the primaries at the ray's wavelengths."""
+        if mi.is_monochromatic and len(values) == 3:
+            return mi.UnpolarizedSpectrum(sum(v * float(y) for v, y in zip(values, LUMINANCE, strict=True)))
         if primaries is None:
             return mi.UnpolarizedSpectrum(*values)
         return mi.UnpolarizedSpectrum(*[sum(v * p for v, p in zip(values, row, strict=True)) for row in primaries])

@@ -30,7 +30,7 @@ class PackedMaps:
     """All parameters of a material in one texture, so that a look-up is a single fetch.
 
     The channels are, for the diffuse term and then for each lobe, colour · amplitude · bound in the bands of
-    the variant (3, or 1 in mono), then the shape.
+    the variant, then the shape: 3 bands, or 1 in mono without a residual, which follows photographs of three.
     """
 
     attributes = ("bound", "label")
@@ -38,7 +38,8 @@ class PackedMaps:
     def __init__(self, material: Material, filter_mode: str, wrap_mode: str, pyramid: bool) -> None:
         self.size, self.wrap_mode = material.size, wrap_mode
         self.model, self.tail, self.lobes = material.model, material.tail, material.lobes
-        packed = pack(material)
+        self.bands = 1 if mi.is_monochromatic and material.residual is None else 3
+        packed = pack(material, self.bands)
         self.primaries = colours.Primaries()
         wrap = dr.WrapMode.Repeat if wrap_mode == "repeat" else dr.WrapMode.Clamp
         mode = dr.FilterMode.Nearest if filter_mode == "nearest" else dr.FilterMode.Linear
@@ -46,10 +47,8 @@ class PackedMaps:
             mi.TensorXf(packed), use_accel=False, migrate=False, filter_mode=mode, wrap_mode=wrap
         )
         self.tensor: Any = None  # a copy of what the texture holds, made when somebody traverses
-        self.pyramid = Pyramid(packed, colours.bands(), wrap_mode) if pyramid else None
-        # one channel of a mono variant cannot follow the photographs' three
-        use = material.residual if colours.bands() == 3 else None
-        self.residual = ResidualMaps(material, use, mode, wrap) if use else None
+        self.pyramid = Pyramid(packed, self.bands, wrap_mode) if pyramid else None
+        self.residual = ResidualMaps(material, material.residual, mode, wrap) if material.residual else None
         extra = np.stack([material.channels[name] for name in self.attributes], -1)
         self.extra = mi.Texture2f(
             mi.TensorXf(extra),
@@ -69,7 +68,7 @@ class PackedMaps:
             far = self.pyramid.fetch(uv, level, active & coarse)
             values = [dr.select(coarse, a, b) for a, b in zip(far, fine, strict=True)]
         primaries = self.primaries.at(si.wavelengths, active)
-        bands, terms, start = colours.bands(), [], 0
+        bands, terms, start = self.bands, [], 0
         for shape in [("x", "y")] + [SHAPES[self.model]] * self.lobes:
             colour = values[start : start + bands]
             start += bands
@@ -79,7 +78,7 @@ class PackedMaps:
         return terms
 
     def spectrum(self, si: Any, values: list[Any], active: Any) -> Any:
-        """Spectrum of three values in Rec. 709, which may be negative."""
+        """Spectrum of three values in Rec. 709."""
         return colours.Primaries.spectrum(values, self.primaries.at(si.wavelengths, active))
 
     def attribute(self, name: str, uv: Any, active: Any) -> Any:
@@ -98,19 +97,20 @@ class PackedMaps:
             return
         self.texture.set_tensor(self.tensor)
         if self.pyramid is not None:
-            self.pyramid = Pyramid(np.array(dr.detach(self.tensor)), colours.bands(), self.wrap_mode)
+            self.pyramid = Pyramid(np.array(dr.detach(self.tensor)), self.bands, self.wrap_mode)
 
 
-def pack(material: Material) -> Map:
+def pack(material: Material, bands: int) -> Map:
     """Channels of `PackedMaps` (H, W, n), made by bands of rows to spare memory."""
     height, width = material.size
-    count = colours.bands() + 2 + material.lobes * (colours.bands() + len(SHAPES[material.model]))
+    count = bands + 2 + material.lobes * (bands + len(SHAPES[material.model]))
     packed = np.empty((height, width, count), np.float32)
     band = max(1, (1 << 20) // width)
     for top in range(0, height, band):
         rows = slice(top, top + band)
         bound = material.channels["bound"][rows, :, None]
-        parts = [part for colour, shape in material.terms(rows) for part in (colours.pack(colour * bound), shape)]
+        terms = material.terms(rows)
+        parts = [part for colour, shape in terms for part in (colours.pack(colour * bound, bands), shape)]
         np.concatenate(parts, -1, out=packed[rows])
     return packed
 

@@ -79,4 +79,4 @@ def test_colours_outside_rec709_are_clamped_at_zero(fabric: Callable[..., Materi
     choose("llvm_ad_rgb")
     green = np.array([[0.0, 1.0, 0.0]])  # of ACEScg
     assert (green @ colours.TO_REC709.T).min() < 0
-    assert colours.pack(green).min() == 0
+    assert colours.pack(green, 3).min() == 0

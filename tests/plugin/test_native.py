@@ -25,24 +25,35 @@ if plugin == "python":
     import kinran_bsdf
 else:
     mi.file_resolver().append(plugin)
+n, rng = 200, np.random.default_rng(3)
+z = rng.uniform(-0.2, 1, (2, n))
+turn = rng.uniform(0, 2 * np.pi, (2, n))
+r = np.sqrt(1 - z * z)
+directions = np.stack([r * np.cos(turn), r * np.sin(turn), z], -1)
+numbers = rng.random((n, 5))
+
+
+def look_up(bsdf, wi, wo, uv, u1, u2):
+    si = dr.zeros(mi.SurfaceInteraction3f)
+    si.uv, si.wi = mi.Point2f(uv), mi.Vector3f(wi)
+    si.sh_frame = mi.Frame3f([0, 0, 1])
+    si.dp_du, si.dp_dv = [1, 0, 0], [0, 1, 0]
+    si.wavelengths = [450, 530, 610, 700] if mi.is_spectral else []
+    context = mi.BSDFContext()
+    sample, weight = bsdf.sample(context, si, mi.Float(u1), mi.Point2f(u2))
+    wo = mi.Vector3f(wo)
+    values = bsdf.eval(context, si, wo), bsdf.pdf(context, si, wo), sample.wo, sample.pdf, weight
+    return np.concatenate([np.array(value, float).reshape(-1, np.size(u1)) for value in values]).T
+
+
 rows = []
 for file in files:
     bsdf = mi.load_dict({"type": "kinran", **file})
-    rng = np.random.default_rng(3)
-    for _ in range(200):
-        si = dr.zeros(mi.SurfaceInteraction3f)
-        si.uv = rng.random(2).tolist()
-        si.sh_frame = mi.Frame3f([0, 0, 1])
-        si.dp_du, si.dp_dv = [1, 0, 0], [0, 1, 0]
-        z = rng.uniform(-0.2, 1, 2)
-        x, y = np.sqrt(1 - z * z) * np.array([f(rng.uniform(0, 2 * np.pi, 2)) for f in (np.cos, np.sin)]) / np.sqrt(2)
-        si.wi, wo = ([x[k], y[k], z[k]] / np.sqrt(x[k] ** 2 + y[k] ** 2 + z[k] ** 2) for k in (0, 1))
-        si.wavelengths = [450, 530, 610, 700] if mi.is_spectral else []
-        context = mi.BSDFContext()
-        sample, weight = bsdf.sample(context, si, rng.random(), mi.Point2f(rng.random(2).tolist()))
-        wo = mi.Vector3f(wo.tolist())
-        values = bsdf.eval(context, si, wo), bsdf.pdf(context, si, wo), sample.wo, sample.pdf, weight
-        rows.append(np.concatenate([np.ravel(np.array(value, float)) for value in values]).tolist())
+    arguments = *directions, numbers[:, :2], numbers[:, 2], numbers[:, 3:]
+    if dr.is_jit_v(mi.Float):
+        rows += look_up(bsdf, *(a.T for a in arguments)).tolist()
+    else:
+        rows += [look_up(bsdf, *(a[k].tolist() for a in arguments))[0].tolist() for k in range(n)]
 print(json.dumps(rows))
 """
 
@@ -86,7 +97,7 @@ def look_up(plugin: str, variant: str, fabrics: list[dict[str, object]]) -> np.n
     return np.array(json.loads(run.stdout))
 
 
-@pytest.mark.parametrize("variant", ["scalar_rgb", "scalar_spectral"])
+@pytest.mark.parametrize("variant", ["scalar_rgb", "scalar_spectral", "scalar_spectral_polarized", "llvm_ad_mono"])
 def test_it_is_the_plugin_in_python(variant: str, compiled: Path, fabrics: list[dict[str, object]]) -> None:
     python, found = (look_up(plugin, variant, fabrics) for plugin in ("python", str(compiled)))
     assert (python[:, 0] > 0).mean() > 0.5

@@ -34,7 +34,7 @@ def rough(fabric: Callable[..., Material]) -> Material:
 
 
 def apex(m: Material, levels: int) -> np.ndarray:
-    packed = pack(m)
+    packed = pack(m, 3)
     for _ in range(levels):
         packed = halve(packed, 3)
     return packed
@@ -45,7 +45,7 @@ def test_levels_keep_energy_mean_and_variance(jit: str, fabric: Callable[..., Ma
     m = weave(fabric, size)
     top = apex(m, 6)
     assert top.shape[:2] == (1, 1)
-    texels = pack(m).reshape(-1, 13)
+    texels = pack(m, 3).reshape(-1, 13)
     unit = models.slope_albedo(*texels[:, 8:].T)
     weight = unit * texels[:, 5:8].sum(-1)
     mean = np.average(texels[:, 8:10], 0, weights=weight)
@@ -68,7 +68,7 @@ def test_fabric_without_lobes_has_a_pyramid(jit: str, fabric: Callable[..., Mate
 
 @pytest.mark.parametrize("wrap", ["repeat", "clamp"])
 def test_each_level_is_found_and_wraps(jit: str, fabric: Callable[..., Material], wrap: str) -> None:
-    packed = pack(weave(fabric, (24, 40)))
+    packed = pack(weave(fabric, (24, 40)), 3)
     pyramid = Pyramid(packed, 3, wrap)
     level = packed
     for k in range(1, pyramid.count + 1):

@@ -3,11 +3,13 @@
 from dataclasses import replace
 from pathlib import Path
 
+import mitsuba as mi
 import numpy as np
 import pytest
-from plugin_fabrics import centres, evaluate, in_variant, load, random_material
+from conftest import choose
+from plugin_fabrics import centres, evaluate, in_variant, interaction, load, random_material
 
-from kinran_bsdf import Material, models, read_material, write_material
+from kinran_bsdf import Material, colours, models, read_material, write_material
 from kinran_bsdf.residual import Residual, compress, expand, kernel_matrix, spline
 
 
@@ -98,20 +100,27 @@ def test_it_fades_where_nothing_was_measured_and_is_never_negative(
     assert changes[2] < 0.15 * changes[0]  # what is left comes from lights near N, where reciprocity speaks
 
 
-def test_other_variants_take_it(tmp_path: Path, material: Material, variant_jit: str) -> None:
-    """Spectral variants show it; a mono one leaves it out, as its one band cannot follow three."""
-    write_material(tmp_path / "m.exr", material)
-    bsdf, uv = load(tmp_path / "m.exr"), centres(material.size)[:3]
-    view = np.tile([0.0, 0, 1], (3, 1))
-    if "spectral" in variant_jit:
-        import mitsuba as mi
-        from plugin_fabrics import interaction
+@pytest.mark.parametrize("with_it", [True, False])
+def test_other_variants_show_the_colours_of_rgb(tmp_path: Path, material: Material, with_it: bool) -> None:
+    """Mono its luminance and spectra its primaries, at views where the residual is whole, fades, and clamps to 0."""
+    if with_it:
+        material.channels["residual0.R"][:] -= 0.3  # leaves red of the stack's at 0, and less than 0 in Rec.709
+    write_material(tmp_path / "m.exr", material if with_it else replace(material, residual=None))
+    uv = np.tile(centres(material.size), (6, 1))
+    view, light = dome(len(uv), 2), dome(len(uv), 4)
+    view[: len(uv) // 2] = 0, 0, 1
 
-        si = interaction(uv, view)
-        si.wavelengths = [450.0, 550, 600, 700]
-        value = np.array(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(0.3, 0.1, 0.9)))
-    else:
-        value = evaluate(bsdf, uv, view, np.tile([0.3, 0.1, 0.9], (3, 1)))
-    assert np.isfinite(value).all()
-    assert value.min() >= 0
-    assert value.max() > 0
+    def seen(variant: str) -> np.ndarray:
+        choose(variant)
+        bsdf, si = load(tmp_path / "m.exr", filter="nearest"), interaction(uv, view)
+        if mi.is_spectral:
+            si.wavelengths = [450.0, 550, 600, 700]
+        return np.array(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(light.T.astype(np.float32)))).T
+
+    rgb = seen("llvm_ad_rgb")
+    assert (rgb > 0).any(1).all()
+    assert (rgb == 0).any() == with_it
+    np.testing.assert_allclose(seen("llvm_ad_mono")[:, 0], rgb @ colours.LUMINANCE, rtol=1e-5)
+    spectra = seen("llvm_ad_spectral")
+    primaries = np.array(colours.Primaries().at([mi.Float(w) for w in (450, 550, 600, 700)], True))[..., 0]
+    np.testing.assert_allclose(spectra, rgb @ primaries.T, rtol=2e-5)

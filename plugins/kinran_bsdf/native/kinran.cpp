@@ -436,21 +436,30 @@ private:
     UnpolarizedSpectrum value(const SurfaceInteraction3f &si, const std::vector<Term> &terms,
                               const std::vector<bool> &enabled, const Vector3f &v, const Vector3f &l) const {
         UnpolarizedSpectrum value(0.f);
-        for (size_t k = 0; k < terms.size(); ++k)
-            if (enabled[k])
-                value += terms[k].colour * factor(terms, k, v, l);
-        if (m_count && enabled[0])
-            value = dr::maximum(value + residual(si, terms, v, l), 0.f);
-        return value;
+        bool whole = m_count && enabled[0];  // a residual goes with the diffuse term
+        std::array<Float, 3> bands{ 0.f, 0.f, 0.f };
+        if (whole)
+            bands = residual(si, terms, v, l);
+        for (size_t k = 0; k < terms.size(); ++k) {
+            if (!enabled[k])
+                continue;
+            Float f = factor(terms, k, v, l);
+            value += terms[k].colour * f;
+            for (size_t c = 0; whole && c < 3; ++c)
+                bands[c] += f * terms[k].bands[c];
+        }
+        for (Float &b : bands)
+            b = dr::maximum(b, 0.f);
+        return whole ? spectrum(si, bands, true) : value;
     }
 
     Float factor(const std::vector<Term> &terms, size_t k, const Vector3f &v, const Vector3f &l) const {
         return k ? m_models.lobe(v, l, terms[k].shape) : m_models.diffuse_lift(v, l, terms[k].shape);
     }
 
-    /// Residual at the light that has the same half vector at the measured view, fading out beyond it
-    UnpolarizedSpectrum residual(const SurfaceInteraction3f &si, const std::vector<Term> &terms, const Vector3f &v,
-                                 const Vector3f &l) const {
+    /// Residual at the light that has the same half vector at the measured view, fading out beyond it; Rec. 709
+    std::array<Float, 3> residual(const SurfaceInteraction3f &si, const std::vector<Term> &terms, const Vector3f &v,
+                                  const Vector3f &l) const {
         Vector3f h = dr::normalize(v + l), view(0.f, 0.f, 1.f);
         Vector3f light(2 * h.z() * h.x(), 2 * h.z() * h.y(), 2 * h.z() * h.z() - 1);
         Mask measured = light.z() >= m_models.floor;
@@ -478,7 +487,7 @@ private:
                 whole += (ScalarFloat) m_from_stack[c][j] * shown[j];
             change[c] = fade * (whole * bound - lobes[c]);
         }
-        return spectrum(si, change, measured);
+        return change;
     }
 
     static constexpr ScalarFloat LogCompression = 500.f;
