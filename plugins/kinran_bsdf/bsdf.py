@@ -8,7 +8,7 @@ import mitsuba
 import numpy as np
 
 from kinran_bsdf import models, sampling
-from kinran_bsdf.maps import PackedMaps, Term, TextureMaps
+from kinran_bsdf.maps import PackedMaps, Term, Texel, TextureMaps
 from kinran_bsdf.material import MODELS, TAILS, read_material
 
 mi: Any = mitsuba  # its types are those of the variant, at run time
@@ -62,7 +62,7 @@ def _make_class() -> Any:
                 return si.uv
             return mi.Point2f(*[a * si.uv.x + b * si.uv.y + c for a, b, c in self.rows])
 
-        def _terms(self, si: Any, active: Any) -> list[Term]:
+        def _texel(self, si: Any, active: Any) -> Texel:
             return self.maps.fetch(si, self._uv(si), None if self.per_texel is None else self._level(si), active)
 
         def _texels(self) -> float:
@@ -127,10 +127,11 @@ def _make_class() -> Any:
             norm = 1 / dr.maximum(sum(weights), 1e-20)
             return [w * norm for w in weights]
 
-        def _value(self, si: Any, terms: list[Term], enabled: list[bool], v: Any, l: Any) -> Any:  # noqa: E741
+        def _value(self, si: Any, texel: Texel, enabled: list[bool], v: Any, l: Any) -> Any:  # noqa: E741
             """T; a residual goes with the diffuse term."""
+            terms = texel.terms
             if self.maps.residual is not None and enabled[0]:
-                change = self._residual(si, terms, v, l)
+                change = self._residual(texel, v, l)
                 factors = [f if on else 0 for f, on in zip(self._factors(terms, v, l), enabled, strict=True)]
                 whole = [dr.maximum(a + b, 0) for a, b in zip(_bands(terms, factors), change, strict=True)]
                 return self.maps.spectrum(si, whole, True)
@@ -148,7 +149,7 @@ def _make_class() -> Any:
                 factors.append(models.lobe(self.model, self.tail, v, l, term.shape, self.floor, xp=dr))
             return factors
 
-        def _residual(self, si: Any, terms: list[Term], v: Any, l: Any) -> list[Any]:  # noqa: E741
+        def _residual(self, texel: Texel, v: Any, l: Any) -> list[Any]:  # noqa: E741
             """Residual at the light that has the same half vector at the measured view, fading out beyond it.
 
             Three bands in Rec. 709.
@@ -156,9 +157,9 @@ def _make_class() -> Any:
             h = dr.normalize(v + l)
             view = mi.Vector3f(0, 0, 1)
             light = mi.Vector3f(2 * h.z * h.x, 2 * h.z * h.y, 2 * h.z * h.z - 1)
-            lobes = _bands(terms, self._factors(terms, view, light))
+            lobes = _bands(texel.terms, self._factors(texel.terms, view, light))
             measured = light.z >= self.floor
-            change = self.maps.residual.change(lobes, light, self._uv(si), measured)
+            change = self.maps.residual.change(lobes, texel.residual, light, measured)
             fade = dr.select(measured, models.release(v, l, xp=dr), 0)
             return [fade * c for c in change]
 
@@ -176,7 +177,8 @@ def _make_class() -> Any:
             front = active & (si.wi.z > 0)
             if _none(front) and not (back and not _none(active & (si.wi.z < 0))):
                 return bs, mi.Spectrum(0)
-            terms = self._terms(si, front)
+            texel = self._texel(si, front)
+            terms = texel.terms
             p = self._probabilities(terms, enabled)
             axes = self._axes(si)
             v = self._to_fabric(axes, si.wi)
@@ -195,7 +197,7 @@ def _make_class() -> Any:
             good = front & (light.z > 0)
             density = dr.detach(self._density(terms, p, v, light))
             good &= density > 0
-            value = dr.select(good, self._value(si, terms, enabled, v, light) / dr.maximum(density, 1e-20), 0)
+            value = dr.select(good, self._value(si, texel, enabled, v, light) / dr.maximum(density, 1e-20), 0)
             bs.wo = self._from_fabric(axes, light)
             bs.pdf = dr.select(good, density, 0)
             if back:
@@ -232,14 +234,14 @@ def _make_class() -> Any:
             seen = active & (si.wi.z > 0)
             front = seen & (wo.z > 0)
             if not _none(front) and any(enabled):
-                terms = self._terms(si, seen)  # the mask that `sample` has: integrators trace both, one look-up
+                texel = self._texel(si, seen)  # the mask that `sample` has: integrators trace both, one look-up
                 axes = self._axes(si)
                 v, l = self._to_fabric(axes, si.wi), self._to_fabric(axes, wo)  # noqa: E741
                 if value:
-                    result = dr.select(front, self._value(si, terms, enabled, v, l), 0)
+                    result = dr.select(front, self._value(si, texel, enabled, v, l), 0)
                 if pdf:
-                    p = self._probabilities(terms, enabled)
-                    density = dr.select(front, self._density(terms, p, v, l), 0)
+                    p = self._probabilities(texel.terms, enabled)
+                    density = dr.select(front, self._density(texel.terms, p, v, l), 0)
             if back:
                 behind = active & (si.wi.z < 0) & (wo.z < 0)
                 cosine = dr.select(behind, -wo.z * dr.inv_pi, 0)
@@ -249,7 +251,7 @@ def _make_class() -> Any:
             return mi.depolarizer(result), dr.detach(density)
 
         def eval_diffuse_reflectance(self, si: Any, active: Any = True) -> Any:
-            term = self._terms(si, active)[0]
+            term = self._texel(si, active).terms[0]
             return mi.depolarizer(term.colour * models.diffuse_albedo(*term.shape, xp=dr))
 
         def has_attribute(self, name: str, active: Any = True) -> Any:

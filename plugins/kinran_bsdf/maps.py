@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from kinran_bsdf import colours
 from kinran_bsdf.material import NEUTRAL, SHAPES, WIDTH_FLOOR, Material
 from kinran_bsdf.pyramid import Pyramid
-from kinran_bsdf.residual_maps import ResidualMaps
+from kinran_bsdf.residual_table import ResidualTable
 
 mi: Any = mitsuba  # its types are those of the variant, at run time
 
@@ -26,11 +26,19 @@ class Term(NamedTuple):
     bands: list[Any]
 
 
+class Texel(NamedTuple):
+    """What a look-up finds: the diffuse term, then the lobes; and the residual's maps and `bound`, if there are."""
+
+    terms: list[Term]
+    residual: list[Any]
+
+
 class PackedMaps:
     """All parameters of a material in one texture, so that a look-up is a single fetch.
 
     The channels are, for the diffuse term and then for each lobe, colour · amplitude · bound in the bands of
     the variant, then the shape: 3 bands, or 1 in mono without a residual, which follows photographs of three.
+    The maps of a residual and `bound` come last.
     """
 
     attributes = ("bound", "label")
@@ -47,8 +55,8 @@ class PackedMaps:
             mi.TensorXf(packed), use_accel=False, migrate=False, filter_mode=mode, wrap_mode=wrap
         )
         self.tensor: Any = None  # a copy of what the texture holds, made when somebody traverses
-        self.pyramid = Pyramid(packed, self.bands, wrap_mode) if pyramid else None
-        self.residual = ResidualMaps(material, material.residual, mode, wrap) if material.residual else None
+        self.pyramid = Pyramid(packed, self.bands, self.lobes, wrap_mode) if pyramid else None
+        self.residual = ResidualTable(material, material.residual) if material.residual else None
         extra = np.stack([material.channels[name] for name in self.attributes], -1)
         self.extra = mi.Texture2f(
             mi.TensorXf(extra),
@@ -58,8 +66,8 @@ class PackedMaps:
             wrap_mode=wrap,
         )
 
-    def fetch(self, si: Any, uv: Any, level: Any, active: Any) -> list[Term]:
-        """Terms at `uv`: the diffuse one, then the lobes."""
+    def fetch(self, si: Any, uv: Any, level: Any, active: Any) -> Texel:
+        """The texel at `uv`."""
         if self.pyramid is None:
             values = list(self.texture.eval(uv, active))
         else:
@@ -75,7 +83,7 @@ class PackedMaps:
             spectrum = colours.Primaries.spectrum(colour, primaries)
             terms.append(Term(spectrum, sum(colour) / bands, values[start : start + len(shape)], colour))
             start += len(shape)
-        return terms
+        return Texel(terms, values[start:])
 
     def spectrum(self, si: Any, values: list[Any], active: Any) -> Any:
         """Spectrum of three values in Rec. 709."""
@@ -97,20 +105,24 @@ class PackedMaps:
             return
         self.texture.set_tensor(self.tensor)
         if self.pyramid is not None:
-            self.pyramid = Pyramid(np.array(dr.detach(self.tensor)), self.bands, self.wrap_mode)
+            self.pyramid = Pyramid(np.array(dr.detach(self.tensor)), self.bands, self.lobes, self.wrap_mode)
 
 
 def pack(material: Material, bands: int) -> Map:
-    """Channels of `PackedMaps` (H, W, n), made by bands of rows to spare memory."""
+    """Channels of `PackedMaps` (H, W, n), made by some rows at a time to spare memory."""
     height, width = material.size
     count = bands + 2 + material.lobes * (bands + len(SHAPES[material.model]))
+    if material.residual is not None:
+        count += 3 * (material.residual.count + 1) + 1
     packed = np.empty((height, width, count), np.float32)
-    band = max(1, (1 << 20) // width)
-    for top in range(0, height, band):
-        rows = slice(top, top + band)
+    step = max(1, (1 << 20) // width)
+    for top in range(0, height, step):
+        rows = slice(top, top + step)
         bound = material.channels["bound"][rows, :, None]
         terms = material.terms(rows)
         parts = [part for colour, shape in terms for part in (colours.pack(colour * bound, bands), shape)]
+        if material.residual is not None:
+            parts += [*material.residual_maps(rows), bound]
         np.concatenate(parts, -1, out=packed[rows])
     return packed
 
@@ -134,15 +146,15 @@ class TextureMaps:
     def _names(self) -> list[tuple[str, tuple[str, ...]]]:
         return [("diffuse", ("x", "y"))] + [(f"lobe{k + 1}", SHAPES[self.model]) for k in range(self.lobes)]
 
-    def fetch(self, si: Any, uv: Any, level: Any, active: Any) -> list[Term]:
-        """Terms at `si`: the diffuse one, then the lobes. The textures look after `uv` and `level`."""
+    def fetch(self, si: Any, uv: Any, level: Any, active: Any) -> Texel:
+        """The texel at `si`. The textures look after `uv` and `level`."""
         terms = []
         for name, shape in self._names():
             amplitude = dr.maximum(self.textures[f"{name}_amplitude"].eval_1(si, active), 0)
             colour = mi.unpolarized_spectrum(self.textures[name].eval(si, active)) * amplitude
             values = [self.textures[f"{name}_{s}"].eval_1(si, active) for s in shape]
             terms.append(Term(colour, dr.mean(colour), self._floored(shape, values), []))
-        return terms
+        return Texel(terms, [])
 
     @staticmethod
     def _floored(shape: tuple[str, ...], values: list[Any]) -> list[Any]:

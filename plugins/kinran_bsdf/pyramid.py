@@ -19,20 +19,21 @@ mi: Any = mitsuba  # its types are those of the variant, at run time
 Map = NDArray[np.float32]
 
 
-def halve(packed: Map, bands: int) -> Map:
+def halve(packed: Map, bands: int, lobes: int) -> Map:
     """Next level of packed slope maps (H, W, n), half as large.
 
     Parameters
     ----------
     packed
-        Colour · amplitude and shape of the diffuse term, then of each lobe, as in `PackedMaps`.
+        Colour · amplitude and shape of the diffuse term, then of each lobe; whatever follows is averaged.
     bands
         Number of channels of a colour.
     """
     colour, slopes = packed[..., :bands], packed[..., bands : bands + 2]
     weight = colour.sum(-1, keepdims=True)
     parts = [_mean(colour), _weighted(slopes, weight)]
-    for start in range(bands + 2, packed.shape[-1], bands + 5):
+    rest = bands + 2 + lobes * (bands + 5)
+    for start in range(bands + 2, rest, bands + 5):
         colour = packed[..., start : start + bands]
         x, y, xx, xy, yy = np.moveaxis(packed[..., start + bands : start + bands + 5], -1, 0)
         unit = models.slope_albedo(x, y, xx, xy, yy)[..., None]
@@ -44,6 +45,7 @@ def halve(packed: Map, bands: int) -> Map:
         shape[..., 2:] -= 2 * np.stack([x * x, x * y, y * y], -1)
         energy = _mean(colour * unit)
         parts += [energy / models.slope_albedo(*np.moveaxis(shape, -1, 0))[..., None], shape]
+    parts.append(_mean(packed[..., rest:]))
     return np.concatenate(parts, -1, dtype=np.float32)
 
 
@@ -70,10 +72,10 @@ def _weighted(values: Map, weight: Map) -> NDArray[np.float64]:
 class Pyramid:
     """Levels 1 and up of packed maps in one texture, each with a border that makes it repeat or stay."""
 
-    def __init__(self, packed: Map, bands: int, wrap_mode: str) -> None:
+    def __init__(self, packed: Map, bands: int, lobes: int, wrap_mode: str) -> None:
         levels = []
         while max(packed.shape[:2]) > 1:
-            packed = halve(packed, bands)
+            packed = halve(packed, bands, lobes)
             levels.append(packed)
         levels = levels or [packed]
         self.wrap_mode, self.count = wrap_mode, len(levels)

@@ -36,7 +36,7 @@ def rough(fabric: Callable[..., Material]) -> Material:
 def apex(m: Material, levels: int) -> np.ndarray:
     packed = pack(m, 3)
     for _ in range(levels):
-        packed = halve(packed, 3)
+        packed = halve(packed, 3, m.lobes)
     return packed
 
 
@@ -69,10 +69,10 @@ def test_fabric_without_lobes_has_a_pyramid(jit: str, fabric: Callable[..., Mate
 @pytest.mark.parametrize("wrap", ["repeat", "clamp"])
 def test_each_level_is_found_and_wraps(jit: str, fabric: Callable[..., Material], wrap: str) -> None:
     packed = pack(weave(fabric, (24, 40)), 3)
-    pyramid = Pyramid(packed, 3, wrap)
+    pyramid = Pyramid(packed, 3, 1, wrap)
     level = packed
     for k in range(1, pyramid.count + 1):
-        level = halve(level, 3)
+        level = halve(level, 3, 1)
         height, width = level.shape[:2]
         for y, x in ((0, 0), (height - 1, width - 1), (height // 2, width // 3)):
             uv = mi.Point2f((x + 0.5) / width, (y + 0.5) / height)

@@ -41,6 +41,12 @@ public:
         std::array<Float, 3> bands;
     };
 
+    /// What a look-up finds: the diffuse term, then the lobes; and the residual's maps and `bound`, if there are
+    struct Texel {
+        std::vector<Term> terms;
+        std::vector<Float> residual;
+    };
+
     Kinran(const Properties &props) : Base(props) {
         if (props.get<ScalarFloat>("pixel_angle", 0.f) > 0)
             Throw("kinran: pixel_angle needs the Python plugin; leave it out, or use `kinran render`");
@@ -78,7 +84,8 @@ public:
         Mask front = active && si.wi.z() > 0, behind = active && si.wi.z() < 0 && back;
         if (unlikely(dr::none_or<false>(front || behind)))
             return { bs, 0.f };
-        std::vector<Term> terms = fetch(si, front);
+        Texel texel = fetch(si, front);
+        const std::vector<Term> &terms = texel.terms;
         std::vector<Float> p = probabilities(terms, enabled);
         auto axes = fabric_axes(si);
         Vector3f v = to_fabric(axes, si.wi), light = warp::square_to_cosine_hemisphere(sample2);
@@ -98,7 +105,7 @@ public:
         Float pdf = dr::detach(density(terms, p, v, light));
         good &= pdf > 0;
         UnpolarizedSpectrum value = dr::select(
-            good, this->value(si, terms, enabled, v, light) / dr::maximum(pdf, (ScalarFloat) 1e-20), 0.f);
+            good, this->value(si, texel, enabled, v, light) / dr::maximum(pdf, (ScalarFloat) 1e-20), 0.f);
         bs.wo = from_fabric(axes, light);
         bs.pdf = dr::select(good, pdf, 0.f);
         if (back) {
@@ -132,11 +139,11 @@ public:
         auto [enabled, back] = enabled_terms(ctx);
         Mask seen = active && si.wi.z() > 0, front = seen && wo.z() > 0;
         if (!dr::none_or<false>(front) && std::find(enabled.begin(), enabled.end(), true) != enabled.end()) {
-            std::vector<Term> terms = fetch(si, seen);
+            Texel texel = fetch(si, seen);
             auto axes = fabric_axes(si);
             Vector3f v = to_fabric(axes, si.wi), l = to_fabric(axes, wo);
-            result = dr::select(front, value(si, terms, enabled, v, l), 0.f);
-            pdf = dr::select(front, density(terms, probabilities(terms, enabled), v, l), 0.f);
+            result = dr::select(front, value(si, texel, enabled, v, l), 0.f);
+            pdf = dr::select(front, density(texel.terms, probabilities(texel.terms, enabled), v, l), 0.f);
         }
         if (back) {
             Mask behind = active && si.wi.z() < 0 && wo.z() < 0;
@@ -148,7 +155,7 @@ public:
     }
 
     Spectrum eval_diffuse_reflectance(const SurfaceInteraction3f &si, Mask active) const override {
-        Term term = fetch(si, active)[0];
+        Term term = fetch(si, active).terms[0];
         return depolarizer<Spectrum>(term.colour * Models<Float>::diffuse_albedo(term.shape));
     }
 
@@ -230,26 +237,17 @@ private:
             m_primaries = Texture1f(TensorXf(values.data(), 2, shape), false, false);
         }
         if (m.has_residual)
-            set_residual(m, mode, wrap);
+            set_residual(m);
     }
 
-    void set_residual(const kinran::Material &m, dr::FilterMode mode, dr::WrapMode wrap) {
+    void set_residual(const kinran::Material &m) {
         m_count = m.residual.count;
         m_domain = m.residual.domain;
         m_number = (ScalarFloat) m.residual.number;
         m_share = (ScalarFloat) m.residual.share;
         if (m_domain != "srgb" && m_domain != "linear" && m_domain != "gamma" && m_domain != "log")
             Throw("kinran: unknown domain '%s' of a residual; update the plugin", m_domain);
-        std::vector<const std::vector<float> *> planes;
-        for (size_t k = 0; k <= m_count; ++k)
-            for (const char *c : { "R", "G", "B" })
-                planes.push_back(&m.plane("residual" + std::to_string(k) + "." + c));
-        planes.push_back(&m.plane("bound"));
-        std::vector<float> packed, table;
-        for (size_t i = 0; i < m.width * m.height; ++i)
-            for (const auto *plane : planes)
-                packed.push_back((*plane)[i]);
-        m_residual = texture(packed, m.height, m.width, mode, wrap);
+        std::vector<float> table;
         for (size_t i = 0; i < Table * Table; ++i)
             for (double f : m.residual.basis((i % Table + 0.5) / Table * 2 - 1, (i / Table + 0.5) / Table * 2 - 1))
                 table.push_back((float) f);
@@ -311,8 +309,10 @@ private:
         return texture.template eval<Values>(dr::Array<Float, 2>(uv.x(), uv.y()), active);
     }
 
-    std::vector<Term> fetch(const SurfaceInteraction3f &si, Mask active) const {
-        std::vector<Term> terms(m_lobes + 1);
+    Texel fetch(const SurfaceInteraction3f &si, Mask active) const {
+        Texel texel;
+        std::vector<Term> &terms = texel.terms;
+        terms.resize(m_lobes + 1);
         size_t at = 0;
         if (!m_names.empty()) {
             for (size_t k = 0; k <= m_lobes; ++k) {
@@ -327,7 +327,7 @@ private:
                     floor_widths(terms[k].shape);
                 at += count;
             }
-            return terms;
+            return texel;
         }
         Values values = look_up(m_maps, uv(si), active);
         for (size_t k = 0; k <= m_lobes; ++k) {
@@ -340,7 +340,9 @@ private:
             for (size_t i = 0; i < (k ? m_shape : 2); ++i)
                 terms[k].shape[i] = values[at++];
         }
-        return terms;
+        while (at < values.size())
+            texel.residual.push_back(values[at++]);
+        return texel;
     }
 
     void floor_widths(Shape &p) const {
@@ -433,13 +435,14 @@ private:
         return density;
     }
 
-    UnpolarizedSpectrum value(const SurfaceInteraction3f &si, const std::vector<Term> &terms,
-                              const std::vector<bool> &enabled, const Vector3f &v, const Vector3f &l) const {
+    UnpolarizedSpectrum value(const SurfaceInteraction3f &si, const Texel &texel, const std::vector<bool> &enabled,
+                              const Vector3f &v, const Vector3f &l) const {
+        const std::vector<Term> &terms = texel.terms;
         UnpolarizedSpectrum value(0.f);
         bool whole = m_count && enabled[0];  // a residual goes with the diffuse term
         std::array<Float, 3> bands{ 0.f, 0.f, 0.f };
         if (whole)
-            bands = residual(si, terms, v, l);
+            bands = residual(texel, v, l);
         for (size_t k = 0; k < terms.size(); ++k) {
             if (!enabled[k])
                 continue;
@@ -458,20 +461,19 @@ private:
     }
 
     /// Residual at the light that has the same half vector at the measured view, fading out beyond it; Rec. 709
-    std::array<Float, 3> residual(const SurfaceInteraction3f &si, const std::vector<Term> &terms, const Vector3f &v,
-                                  const Vector3f &l) const {
+    std::array<Float, 3> residual(const Texel &texel, const Vector3f &v, const Vector3f &l) const {
+        const std::vector<Float> &values = texel.residual;
         Vector3f h = dr::normalize(v + l), view(0.f, 0.f, 1.f);
         Vector3f light(2 * h.z() * h.x(), 2 * h.z() * h.y(), 2 * h.z() * h.z() - 1);
         Mask measured = light.z() >= m_models.floor;
-        Values values = look_up(m_residual, uv(si), measured);
         Values factors = look_up(m_table, Point2f(.5f * light.x() + .5f, .5f * light.y() + .5f), measured);
         Float bound = dr::maximum(values[3 * (m_count + 1)], (ScalarFloat) 1e-3);
         Float fade = dr::select(measured, Models<Float>::release(v, l), 0.f);
         std::array<Float, 3> lobes{ 0.f, 0.f, 0.f }, shown, change;
-        for (size_t k = 0; k < terms.size(); ++k) {
-            Float f = factor(terms, k, view, light);
+        for (size_t k = 0; k < texel.terms.size(); ++k) {
+            Float f = factor(texel.terms, k, view, light);
             for (size_t c = 0; c < 3; ++c)
-                lobes[c] += f * terms[k].bands[c];
+                lobes[c] += f * texel.terms[k].bands[c];
         }
         for (size_t c = 0; c < 3; ++c) {
             Float left = values[c], linear(0.f);
@@ -522,13 +524,13 @@ private:
     std::vector<std::string> m_names;  // of textures; empty with a material file
     std::vector<ref<Texture>> m_textures;
     ref<Texture> m_back;
-    Texture2f m_maps, m_extra, m_residual, m_table;
+    Texture2f m_maps, m_extra, m_table;
     Texture1f m_primaries;
     std::string m_domain;
     ScalarFloat m_number = 1, m_share = 1;
     kinran::Matrix m_to_stack{}, m_from_stack{};
 
-    MI_TRAVERSE_CB(Base, m_textures, m_back, m_maps, m_extra, m_residual, m_table, m_primaries)
+    MI_TRAVERSE_CB(Base, m_textures, m_back, m_maps, m_extra, m_table, m_primaries)
 };
 
 MI_EXPORT_PLUGIN(Kinran)

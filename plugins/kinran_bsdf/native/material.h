@@ -244,7 +244,8 @@ inline void floor_widths(const Material &m, float *shape) {
     shape[4] += lack;
 }
 
-/// Colour · amplitude · bound in `bands` bands and shape, of the diffuse term and then of each lobe, texel by texel
+/// Colour · amplitude · bound in `bands` bands and shape, of the diffuse term and then of each lobe, texel by texel; the
+/// maps of a residual and `bound` come last
 inline std::vector<float> pack(const Material &m, size_t bands) {
     std::vector<float> result;
     std::vector<const std::vector<float> *> planes;
@@ -262,7 +263,13 @@ inline std::vector<float> pack(const Material &m, size_t bands) {
         if (k)
             fills[k] = fill(m, term);
     }
-    result.reserve(m.width * m.height * count);
+    std::vector<const std::vector<float> *> rest;
+    for (size_t k = 0; m.has_residual && k <= m.residual.count; ++k)
+        for (const char *c : { "R", "G", "B" })
+            rest.push_back(&m.plane("residual" + std::to_string(k) + "." + c));
+    if (m.has_residual)
+        rest.push_back(&bound);
+    result.reserve(m.width * m.height * (count + rest.size()));
     for (size_t i = 0; i < m.width * m.height; ++i) {
         size_t at = 0;
         for (int k = 0; k <= m.lobes; ++k) {
@@ -286,6 +293,8 @@ inline std::vector<float> pack(const Material &m, size_t bands) {
                 floor_widths(m, result.data() + result.size() - shape);
             at += shape;
         }
+        for (const auto *plane : rest)
+            result.push_back((*plane)[i]);
     }
     return result;
 }
