@@ -303,7 +303,8 @@ def _maps(props: Any, pyramid: bool) -> tuple[Any, float]:
     if angular and pyramid:
         raise ValueError("kinran: pixel_angle would average angles of takeda2008; leave it out or fit slope")
     wrap = _choice(props, "wrap_mode", "repeat", ("repeat", "clamp"))
-    return PackedMaps(material, mode, wrap, pyramid), models.grazing(material.theta_max)
+    floor = models.grazing(material.theta_max)
+    return PackedMaps(material, mode, wrap, floor, pyramid), floor
 
 
 def _choice(props: Any, name: str, default: str, choices: tuple[str, ...]) -> str:

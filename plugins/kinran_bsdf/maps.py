@@ -7,9 +7,9 @@ import mitsuba
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran_bsdf import colours
+from kinran_bsdf import colours, models
 from kinran_bsdf.material import NEUTRAL, SHAPES, WIDTH_FLOOR, Material
-from kinran_bsdf.pyramid import Pyramid
+from kinran_bsdf.pyramid import Pyramid, halve
 from kinran_bsdf.residual_table import ResidualTable
 
 mi: Any = mitsuba  # its types are those of the variant, at run time
@@ -43,8 +43,8 @@ class PackedMaps:
 
     attributes = ("bound", "label")
 
-    def __init__(self, material: Material, filter_mode: str, wrap_mode: str, pyramid: bool) -> None:
-        self.size, self.wrap_mode = material.size, wrap_mode
+    def __init__(self, material: Material, filter_mode: str, wrap_mode: str, floor: float, pyramid: bool) -> None:
+        self.size, self.wrap_mode, self.floor = material.size, wrap_mode, floor
         self.model, self.tail, self.lobes = material.model, material.tail, material.lobes
         self.bands = 1 if mi.is_monochromatic and material.residual is None else 3
         packed = pack(material, self.bands)
@@ -55,8 +55,8 @@ class PackedMaps:
             mi.TensorXf(packed), use_accel=False, migrate=False, filter_mode=mode, wrap_mode=wrap
         )
         self.tensor: Any = None  # a copy of what the texture holds, made when somebody traverses
-        self.pyramid = Pyramid(packed, self.bands, self.lobes, wrap_mode) if pyramid else None
         self.residual = ResidualTable(material, material.residual) if material.residual else None
+        self.pyramid = Pyramid(packed, self._halve, wrap_mode) if pyramid else None
         extra = np.stack([material.channels[name] for name in self.attributes], -1)
         self.extra = mi.Texture2f(
             mi.TensorXf(extra),
@@ -76,14 +76,39 @@ class PackedMaps:
             far = self.pyramid.fetch(uv, level, active & coarse)
             values = [dr.select(coarse, a, b) for a, b in zip(far, fine, strict=True)]
         primaries = self.primaries.at(si.wavelengths, active)
-        bands, terms, start = self.bands, [], 0
-        for shape in [("x", "y")] + [SHAPES[self.model]] * self.lobes:
-            colour = values[start : start + bands]
-            start += bands
+        terms, rest = self._split(values)
+        found = []
+        for colour, shape in terms:
             spectrum = colours.Primaries.spectrum(colour, primaries)
-            terms.append(Term(spectrum, sum(colour) / bands, values[start : start + len(shape)], colour))
-            start += len(shape)
-        return Texel(terms, values[start:])
+            found.append(Term(spectrum, sum(colour) / self.bands, shape, colour))
+        return Texel(found, rest)
+
+    def _split(self, values: list[Any]) -> tuple[list[tuple[list[Any], list[Any]]], list[Any]]:
+        """Colour and shape of each term, and what follows, of packed channels."""
+        terms, start = [], 0
+        for shape in [("x", "y")] + [SHAPES[self.model]] * self.lobes:
+            middle = start + self.bands
+            terms.append((values[start:middle], values[middle : middle + len(shape)]))
+            start = middle + len(shape)
+        return terms, values[start:]
+
+    def _halve(self, packed: Map) -> Map:
+        """Next level of a pyramid."""
+        coarse = halve(packed, self.bands, self.lobes)
+        if self.residual is not None:
+            coarse[..., -3 * self.residual.count - 4 : -1] = self.residual.averaged(packed, coarse, self._radiance)
+        return coarse
+
+    def _radiance(self, channels: list[Map], light: NDArray[np.float64]) -> list[Map]:
+        """T of the lobes (3 maps) under a light at the measured view."""
+        ((diffuse, (x, y)), *lobes), _ = self._split(channels)
+        view, l = (0.0, 0.0, 1.0), tuple(float(v) for v in light)  # noqa: E741 (the field's letter)
+        lift = models.diffuse_lift(view, l, x, y, self.floor)
+        total = [lift * c for c in diffuse]
+        for colour, shape in lobes:
+            value = models.lobe(self.model, self.tail, view, l, shape, self.floor)
+            total = [t + value * c for t, c in zip(total, colour, strict=True)]
+        return total
 
     def spectrum(self, si: Any, values: list[Any], active: Any) -> Any:
         """Spectrum of three values in Rec. 709."""
@@ -105,7 +130,7 @@ class PackedMaps:
             return
         self.texture.set_tensor(self.tensor)
         if self.pyramid is not None:
-            self.pyramid = Pyramid(np.array(dr.detach(self.tensor)), self.bands, self.lobes, self.wrap_mode)
+            self.pyramid = Pyramid(np.array(dr.detach(self.tensor)), self._halve, self.wrap_mode)
 
 
 def pack(material: Material, bands: int) -> Map:

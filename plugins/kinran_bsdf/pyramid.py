@@ -5,6 +5,7 @@ variance of all their slopes [LEAN mapping, Olano & Baker 2010], so that what wa
 Moments of slopes average linearly; angles do not, so that `takeda2008` has no pyramid.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
@@ -31,7 +32,7 @@ def halve(packed: Map, bands: int, lobes: int) -> Map:
     """
     colour, slopes = packed[..., :bands], packed[..., bands : bands + 2]
     weight = colour.sum(-1, keepdims=True)
-    parts = [_mean(colour), _weighted(slopes, weight)]
+    parts = [mean(colour), _weighted(slopes, weight)]
     rest = bands + 2 + lobes * (bands + 5)
     for start in range(bands + 2, rest, bands + 5):
         colour = packed[..., start : start + bands]
@@ -43,18 +44,21 @@ def halve(packed: Map, bands: int, lobes: int) -> Map:
         shape = _weighted(moments, weight)
         x, y = shape[..., 0], shape[..., 1]
         shape[..., 2:] -= 2 * np.stack([x * x, x * y, y * y], -1)
-        energy = _mean(colour * unit)
+        energy = mean(colour * unit)
         parts += [energy / models.slope_albedo(*np.moveaxis(shape, -1, 0))[..., None], shape]
-    parts.append(_mean(packed[..., rest:]))
+    parts.append(mean(packed[..., rest:]))
     return np.concatenate(parts, -1, dtype=np.float32)
 
 
-def _mean(values: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+def mean(values: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     """Box filter to half the size, rounded down; an odd size gives cells of a little over two texels."""
     result = np.asarray(values, np.float64)
     for axis in (0, 1):
         size = result.shape[axis]
-        if size > 1:
+        if size % 2 == 0:
+            one, other = ((slice(k, None, 2),) if axis == 0 else (slice(None), slice(k, None, 2)) for k in (0, 1))
+            result = 0.5 * (result[one] + result[other])
+        elif size > 1:
             edges = np.linspace(0, size, size // 2 + 1)
             whole = np.minimum(edges.astype(int), size - 1)
             part = np.expand_dims(edges - whole, tuple({0, 1, 2} - {axis}))
@@ -65,17 +69,17 @@ def _mean(values: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
 
 
 def _weighted(values: Map, weight: Map) -> NDArray[np.float64]:
-    total = _mean(weight)
-    return np.where(total > 0, _mean(values * np.float64(weight)) / np.where(total > 0, total, 1), _mean(values))
+    total = mean(weight)
+    return np.where(total > 0, mean(values * np.float64(weight)) / np.where(total > 0, total, 1), mean(values))
 
 
 class Pyramid:
     """Levels 1 and up of packed maps in one texture, each with a border that makes it repeat or stay."""
 
-    def __init__(self, packed: Map, bands: int, lobes: int, wrap_mode: str) -> None:
+    def __init__(self, packed: Map, halve: Callable[[Map], Map], wrap_mode: str) -> None:
         levels = []
         while max(packed.shape[:2]) > 1:
-            packed = halve(packed, bands, lobes)
+            packed = halve(packed)
             levels.append(packed)
         levels = levels or [packed]
         self.wrap_mode, self.count = wrap_mode, len(levels)
