@@ -1,11 +1,12 @@
 """EXR by channel name, whatever the memory layout."""
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from kinran.exr import read_exr, read_exr_with_header, write_exr, write_rgb
+from kinran.exr import read_channel, read_exr, read_exr_with_header, write_exr, write_rgb
 from kinran.files import InputError
 
 IMAGE = np.random.default_rng(0).random((7, 5, 3)).astype(np.float32)
@@ -43,5 +44,23 @@ def test_truncated_and_missing(tmp_path: Path) -> None:
     (tmp_path / "b.exr").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match=r"b\.exr: cannot be read as EXR"):
         read_exr(tmp_path / "b.exr")
-    with pytest.raises(InputError, match="no such file"):
-        read_exr(tmp_path / "c.exr")
+    with pytest.raises(InputError, match=r"b\.exr: cannot be read as EXR"):
+        read_channel(tmp_path / "b.exr", "G", np.float32)
+    for read in (read_exr, lambda path: read_channel(path, "G", np.float32)):
+        with pytest.raises(InputError, match="no such file"):
+            read(tmp_path / "c.exr")
+
+
+def test_one_channel_takes_no_memory_for_the_others(tmp_path: Path) -> None:
+    """Of four float channels of 300 × 500, one as 16-bit integers: the peak is far under their 2.4 MB."""
+    planes = {name: np.random.default_rng(k).integers(0, 9, (300, 500)) for k, name in enumerate("abcd")}
+    write_exr(tmp_path / "a.exr", {name: plane.astype(np.float32) for name, plane in planes.items()})
+    tracemalloc.start()
+    plane = read_channel(tmp_path / "a.exr", "c", np.uint16)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    np.testing.assert_array_equal(plane, planes["c"])
+    assert plane.dtype == np.uint16
+    assert peak < plane.nbytes + 0.3e6
+    with pytest.raises(InputError, match="has no channel 'e'"):
+        read_channel(tmp_path / "a.exr", "e", np.uint16)

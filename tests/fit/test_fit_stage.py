@@ -1,5 +1,7 @@
 """The stage `kinran fit`: a run that is stopped keeps its tiles, and what has no lobe is not fitted."""
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -97,3 +99,10 @@ def test_regions_without_a_lobe_are_not_fitted(cloth: Cloth, monkeypatch: pytest
     assert (~textures).sum() <= sum(fitted)
     np.testing.assert_allclose(some["lobe1.x"][~textures], every["lobe1.x"][~textures], rtol=1e-5)
     assert (some["diffuse.x"][textures] == 0).mean() > 0.99
+
+
+def test_a_fit_job_does_not_load_the_renderer() -> None:
+    """Mitsuba and Dr.Jit would take 70 MB of each job."""
+    loaded = "import sys, kinran.fit.tile; print({'mitsuba', 'drjit', 'kinran_bsdf'} & sys.modules.keys())"
+    done = subprocess.run([sys.executable, "-c", loaded], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"

@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from synthetic_texels import grid, radiance, texels
 
+from kinran import frames
 from kinran.fit.lobes import DIFFUSE_SIZE, LOBE_SIZE, TAILS, diffuse, lobe, squared_widths
+from kinran.fit.predict import predict
+from kinran.fit.slope import SlopeFit
 from kinran_bsdf import models
 
 SHAPE = st.tuples(
@@ -42,3 +46,18 @@ def test_diffuse_is_that_of_the_reference(slopes: tuple[float, float], theta: fl
     value = diffuse(np.array(slopes), *light, derivative)
     assert value == pytest.approx(float(models.diffuse(light, *slopes)), abs=1e-12)
     np.testing.assert_array_equal(derivative, light[:2] if value > 0 else (0, 0))
+
+
+@pytest.mark.parametrize("tail", TAILS)
+def test_a_prediction_is_that_of_the_reference(tail: str) -> None:
+    """Two lobes are the sum of two predictions of one, of which the second has no diffuse term."""
+    lights = grid(10, 12)
+    (one, C), (two, D) = texels(9), texels(9, 1)
+    shapes, colours = np.concatenate([one[:, :5], two[:, :5], one[:, 5:]], 1), np.stack([C[:, 0], D[:, 0], C[:, 1]], 1)
+    D[:, 1] = 0
+    truth = radiance(one, C, lights, tail) + radiance(two, D, lights, tail)
+    fitted = SlopeFit(shapes, colours, np.zeros(9))
+    np.testing.assert_allclose(predict(fitted, lights, tail), truth, rtol=1e-5, atol=1e-6)
+    # the slopes of the half vectors count, where given, not those of the directions
+    np.testing.assert_array_equal(predict(fitted, lights, tail, frames.slopes(lights)), predict(fitted, lights, tail))
+    assert np.abs(predict(fitted, lights, tail, 0.9 * frames.slopes(lights)) - truth).max() > 0.1

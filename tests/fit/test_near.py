@@ -7,7 +7,7 @@ import pytest
 from cloth_on_disk import Cloth, directions
 from synthetic_texels import grid
 
-from kinran import geometry, near
+from kinran import geometry, near, prediction
 from kinran.files import read_json
 from kinran.stack import Stack
 from kinran_bsdf import models
@@ -68,7 +68,7 @@ def test_texels_have_lights_of_their_own_in_what_a_material_predicts(cloths: dic
     cloth = cloths["near"]
     material = cloth.fit()
     stack = Stack.open(cloth.stack)
-    predicted = near.relight(material, stack, (0, SIDE, 0, SIDE), np.array([30]))[0]
+    predicted = prediction.predict(material, stack, (0, SIDE, 0, SIDE), np.array([30]))[0]
     np.testing.assert_allclose(predicted, flat_field(np.array(stack.lights[30].direction)), rtol=0.02, atol=0.01)
 
 
@@ -95,5 +95,5 @@ def test_a_residual_lies_on_lobes_with_their_own_lights(cloths: dict[str, Cloth]
     assert cloth.run("residual", "with.exr", *given, "--summary", folder / "with.json") == 0
     material = read_material(folder / "with.exr")
     stack = Stack.open(cloth.stack)
-    predicted = near.relight(material, stack, (0, SIDE, 0, SIDE), np.array([30]))[0]
+    predicted = prediction.predict(material, stack, (0, SIDE, 0, SIDE), np.array([30]))[0]
     np.testing.assert_allclose(predicted, flat_field(np.array(stack.lights[30].direction)), rtol=0.03, atol=0.02)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran import encoding, metrics, near, pictures
+from kinran import encoding, metrics, pictures, prediction
 from kinran.files import InputError, read_json, write_json
-from kinran.labels import Region, read_labels, read_regions
+from kinran.labels import LabelMap, Region, read_labels, read_regions
 from kinran.stack import HOT, SATURATED, SHIFTED, Light, Stack
 from kinran_bsdf.colours import TO_REC709
 from kinran_bsdf.material import read_material
@@ -62,7 +62,7 @@ def main(args: argparse.Namespace) -> None:
                 raise InputError(f"{path}: its size is not that of {args.stack}; fit it again")
             predicted = np.zeros_like(truth)
             for box in stack.tiles():
-                predicted[:, box[0] : box[1], box[2] : box[3]] = near.relight(material, stack, box, use)
+                predicted[:, box[0] : box[1], box[2] : box[3]] = prediction.predict(material, stack, box, use)
             seconds = time.process_time() - start
             predictions[path.stem] = predicted
             errors = _errors(predicted, truth, valid, lights, labels, regions, coder, peak)
@@ -99,7 +99,7 @@ def _errors(
     truth: Images,
     valid: Images,
     lights: list[Light],
-    labels: NDArray[np.intp],
+    labels: LabelMap,
     regions: list[Region],
     coder: encoding.Encoding | None,
     peak: float,

@@ -1,7 +1,9 @@
 """EXR files with channels by name."""
 
 from pathlib import Path
+from typing import TypeVar
 
+import Imath
 import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
@@ -9,6 +11,10 @@ from numpy.typing import NDArray
 from kinran.files import InputError, atomic
 
 Image = NDArray[np.float32]
+S = TypeVar("S", bound=np.generic)
+
+ROWS = 64
+"""Rows that are read of a single channel at a time."""
 
 
 def write_exr(path: Path, channels: dict[str, Image], header: dict[str, object] | None = None) -> None:
@@ -48,6 +54,36 @@ def read_exr_with_header(path: Path) -> tuple[dict[str, Image], dict[str, object
             return channels, dict(file.header())
     except Exception as error:  # OpenEXR raises bare RuntimeError and ValueError
         raise InputError(f"{path}: cannot be read as EXR ({error})") from None
+
+
+def read_channel(path: Path, name: str, dtype: type[S]) -> NDArray[S]:
+    """Read one channel (y, x) of an EXR as another type; a few rows at a time, so that the others take no memory.
+
+    Raises
+    ------
+    InputError
+        The file is missing, truncated, no EXR or has no such channel.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    try:
+        file = OpenEXR.InputFile(str(path))  # its successor reads all channels or none
+        header = file.header()
+        missing = name not in header["channels"]
+        window = header["dataWindow"]
+        height, width = window.max.y - window.min.y + 1, window.max.x - window.min.x + 1
+        plane = np.empty((0 if missing else height, width), dtype)
+        for y in range(0, len(plane), ROWS):
+            last = min(y + ROWS, height) - 1
+            kind = Imath.PixelType(Imath.PixelType.FLOAT)
+            row = file.channel(name, kind, window.min.y + y, window.min.y + last)
+            plane[y : last + 1] = np.frombuffer(row, np.float32).reshape(-1, width)
+        file.close()
+    except Exception as error:  # as above
+        raise InputError(f"{path}: cannot be read as EXR ({error})") from None
+    if missing:
+        raise InputError(f"{path}: has no channel '{name}'; make it again")
+    return plane
 
 
 def write_rgb(path: Path, image: Image) -> None:

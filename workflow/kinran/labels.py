@@ -6,8 +6,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.exr import read_exr, write_exr
-from kinran.files import InputError, read_json, write_json
+from kinran.exr import read_channel, write_exr
+from kinran.files import read_json, write_json
+
+LabelMap = NDArray[np.uint16]
+"""Region (y, x) of each texel."""
 
 
 @dataclass(frozen=True)
@@ -57,12 +60,9 @@ def write_labels(
     write_exr(path, {**regions, "confidence": confidence, "membership": membership})
 
 
-def read_labels(path: Path) -> NDArray[np.intp]:
-    """Read a label map (y, x)."""
-    channels = read_exr(path)
-    if "label" not in channels:
-        raise InputError(f"{path}: has no channel 'label'; make it with `kinran segment`")
-    return channels["label"].astype(np.intp)
+def read_labels(path: Path) -> LabelMap:
+    """Read a label map (y, x), two bytes a texel."""
+    return read_channel(path, "label", np.uint16)
 
 
 def write_regions(path: Path, regions: list[Region]) -> None:

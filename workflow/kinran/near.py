@@ -1,4 +1,4 @@
-"""Lamps and camera at finite distances: what they change for each texel, in the fit and in what it predicts."""
+"""Lamps and camera at finite distances: what they change for each texel."""
 
 from dataclasses import dataclass
 
@@ -7,9 +7,6 @@ from numpy.typing import NDArray
 
 from kinran import frames, geometry
 from kinran.stack import Box, Stack
-from kinran_bsdf import models
-from kinran_bsdf.material import Material
-from kinran_bsdf.residual import relit
 
 Array = NDArray[np.float64]
 
@@ -75,28 +72,3 @@ def cells(stack: Stack, box: Box, lights: NDArray[np.intp]) -> list[Cell]:
         factor = np.stack([geometry.falloff(p, points[at]) for p in positions], 1).astype(np.float32)
         found.append(Cell(at, directions, half[:, :2] / half[:, 2:], factor))
     return found
-
-
-def relight(material: Material, stack: Stack, box: Box, lights: NDArray[np.intp]) -> NDArray[np.float32]:
-    """What a material says that the stack holds of a tile under these of its lights.
-
-    Returns
-    -------
-    (light, y, x, 3) float32
-        In the stack's unit; each texel under its own lights where distances matter.
-    """
-    y0, y1, x0, x1 = box
-    part = material.part(slice(y0, y1), slice(x0, x1))
-    if not matters(stack):
-        return models.relight(part, stack.directions[lights])
-    assert stack.texel_mm
-    points = geometry.texel_points(stack.height, stack.width, stack.texel_mm)[y0:y1, x0:x1]
-    positions = [np.array(stack.lights[i].position_mm, float) for i in lights]
-    view = geometry.directions_to(stack.camera_mm or AFAR, points)
-    images = models.relight_texels(part, [geometry.directions_to(p, points) for p in positions], view)
-    images *= np.stack([geometry.falloff(p, points) for p in positions])[..., None].astype(np.float32)
-    if part.residual is not None:
-        maps = part.residual_maps()
-        factors = part.residual.basis(stack.directions[lights])
-        images = np.stack([relit(image, part.residual, maps, f) for image, f in zip(images, factors, strict=True)])
-    return images

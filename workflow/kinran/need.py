@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 
 from kinran.exr import write_exr
 from kinran.files import InputError, write_json
-from kinran.labels import Region, read_labels, read_regions
+from kinran.labels import LabelMap, Region, read_labels, read_regions
 from kinran.needed import SHOWN
 from kinran.placement import placement, uv_size
 from kinran.stack import Stack
@@ -160,7 +160,7 @@ def _replace_cloth(parent: ET.Element, labels: Path, ids: set[str]) -> None:
         ids.add(name)
 
 
-def load(template: Path, mesh: Path, labels: NDArray[np.intp], lie: dict[str, str]) -> tuple[Any, set[str]]:
+def load(template: Path, mesh: Path, labels: LabelMap, lie: dict[str, str]) -> tuple[Any, set[str]]:
     """Load the template with the mesh and, in place of a material, the labels.
 
     Parameters

@@ -3,15 +3,15 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kinran.files import InputError, read_json
+from kinran.labels import LabelMap
 
 SHOWN = 1e-3
 """Least share of the cloth's pixels from which a region counts as shown."""
 
 
-def needed_labels(path: Path, labels: NDArray[np.intp]) -> list[int]:
+def needed_labels(path: Path, labels: LabelMap) -> list[int]:
     """Labels of the regions that need a lobe.
 
     Parameters

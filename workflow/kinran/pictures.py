@@ -52,7 +52,7 @@ def region_colours(colours: NDArray[np.float64]) -> Picture:
     return own.astype(np.uint8)
 
 
-def label_map(labels: NDArray[np.intp], colours: Picture) -> Picture:
+def label_map(labels: NDArray[np.integer], colours: Picture) -> Picture:
     """Label map (y, x), row 0 at the bottom, in the colours (region, 3)."""
     return upright(colours[labels])
 

@@ -47,7 +47,7 @@ def main(args: argparse.Namespace) -> None:
     count = int(found.max()) + 1
     clusters = mahalanobis.kmeans(features, count)
     compared = {
-        ("Mahalanobis", "kinran"): found.reshape(-1),
+        ("Mahalanobis", "kinran"): found.reshape(-1).astype(np.intp),
         ("k-means", "baseline"): clusters,
         ("EM", "baseline"): mixture.labels(features, clusters, count),
     }

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from kinran import encoding, frames
 from kinran.files import InputError
+from kinran.labels import LabelMap
 from kinran.stack import HOT, SATURATED, SHIFTED, Stack
 
 Samples = NDArray[np.float32]
@@ -107,7 +108,7 @@ def spread(lights: Array, count: int) -> NDArray[np.intp]:
     return np.sort(np.array(chosen, np.intp))
 
 
-def read(stack: Stack, labels: Labels, to_rec709: Array) -> Trial:
+def read(stack: Stack, labels: LabelMap, to_rec709: Array) -> Trial:
     """The trial of a stack's middle texels.
 
     Raises
@@ -140,7 +141,7 @@ def read(stack: Stack, labels: Labels, to_rec709: Array) -> Trial:
         valid=valid,
         held_out=directions[held],
         share=np.sqrt(np.maximum(1 - directions[held, 2] ** 2, 0)) if on_grid else np.ones(int(held.sum())),
-        region=labels[y : y + height, x : x + width].reshape(-1),
+        region=labels[y : y + height, x : x + width].reshape(-1).astype(np.intp),
         grid=np.array([light.grid for light in lights], np.intp) if on_grid else None,
         shape=(height, width),
         coder=coder,

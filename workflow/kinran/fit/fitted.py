@@ -2,14 +2,12 @@
 
 import argparse
 
-import numpy as np
-from numpy.typing import NDArray
-
 from kinran.fit.choice import take_choice
+from kinran.labels import LabelMap
 from kinran.needed import needed_labels
 
 
-def fitted_labels(args: argparse.Namespace, labels: NDArray[np.intp]) -> list[int] | None:
+def fitted_labels(args: argparse.Namespace, labels: LabelMap) -> list[int] | None:
     """Labels that get a lobe, None for all, by ``--fitted``, ``--need`` and ``--choice``; sets the lobes, too."""
     asked = needed_labels(args.need, labels) if args.need else args.fitted
     explained = take_choice(args)

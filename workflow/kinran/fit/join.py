@@ -12,7 +12,7 @@ from kinran.files import InputError, sha256, write_json
 from kinran.fit.choice import add_lobes
 from kinran.fit.fitted import fitted_labels
 from kinran.fit.tile import MODELS
-from kinran.labels import read_labels, read_regions
+from kinran.labels import LabelMap, read_labels, read_regions
 from kinran.stack import Stack
 from kinran_bsdf.material import Material, write_material
 from kinran_bsdf.models import clamp
@@ -106,7 +106,7 @@ def _scatter(data: "np.lib.npyio.NpzFile", maps: dict[str, Map], covered: NDArra
         start = stop
 
 
-def _fill(maps: dict[str, Map], valid: NDArray[np.bool_], labels: NDArray[np.intp]) -> int:
+def _fill(maps: dict[str, Map], valid: NDArray[np.bool_], labels: LabelMap) -> int:
     """Give texels without a fit of their own that of the nearest one of their region; returns their number."""
     for label in np.unique(labels[~valid]):
         donors = valid & (labels == label)

@@ -1,32 +1,38 @@
 """What fitted lobes say about lights that they were not fitted to."""
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from kinran import frames
-from kinran.fit.lobes import DIFFUSE_SIZE, LOBE_SIZE, squared_widths
+from kinran.fit.lobes import DIFFUSE_SIZE, LOBE_SIZE, TAILS, diffuse, lobe
 from kinran.fit.slope import SlopeFit
-from kinran_bsdf import models
 
+Array = NDArray[np.float64]
 Samples = NDArray[np.float32]
 
 
-def predict(
-    fitted: SlopeFit, lights: NDArray[np.float64], tail: str = "ggx", slopes: NDArray[np.float64] | None = None
-) -> Samples:
-    """T (texel, 3, light) of a fit under lights (light, 3), in the unit of its samples, by the plugin's models.
+def predict(fitted: SlopeFit, lights: Array, tail: str = "ggx", slopes: Array | None = None) -> Samples:
+    """T (texel, 3, light) of a fit under lights (light, 3), in the unit of its samples.
 
     `slopes` (light, 2) are those of the half vectors where the view is not N.
     """
-    s = (frames.slopes(lights) if slopes is None else slopes).astype(np.float32)
-    colours = fitted.colours.astype(np.float32)
-    bx, by = (fitted.shapes[:, k, None].astype(np.float32) for k in (-DIFFUSE_SIZE, 1 - DIFFUSE_SIZE))
-    cosine = models.diffuse(tuple(lights.T.astype(np.float32)), bx, by)
-    total = colours[:, -1, :, None] * cosine[:, None]
-    for k in range(colours.shape[1] - 1):
-        p = fitted.shapes[:, LOBE_SIZE * k : LOBE_SIZE * (k + 1)]
-        xx, xy, yy = (w[:, None].astype(np.float32) for w in squared_widths(p))
-        x, y = p[:, :1].astype(np.float32), p[:, 1:2].astype(np.float32)
-        G = models.slope_lobe(s[:, 0], s[:, 1], x, y, xx, xy, yy, tail)
-        total += colours[:, k, :, None] * G[:, None]
-    return np.asarray(total, np.float32)
+    out = np.empty((len(fitted.shapes), 3, len(lights)), np.float32)
+    s = frames.slopes(lights) if slopes is None else slopes
+    _sum(TAILS[tail], fitted.shapes, fitted.colours, s, np.asarray(lights, float), out)
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sum(tail: int, shapes: Array, colours: Array, s: Array, lights: Array, out: Samples) -> None:
+    """Lobes and the diffuse term, whose columns `colours` (texel, column, 3) are in this order."""
+    lobes = colours.shape[1] - 1
+    unused = np.empty(LOBE_SIZE + DIFFUSE_SIZE)
+    for t in range(len(shapes)):
+        for i in range(len(lights)):
+            value = diffuse(shapes[t, LOBE_SIZE * lobes :], lights[i, 0], lights[i, 1], lights[i, 2], unused)
+            x, y, z = value * colours[t, lobes, 0], value * colours[t, lobes, 1], value * colours[t, lobes, 2]
+            for k in range(lobes):
+                value = lobe(tail, shapes[t, LOBE_SIZE * k : LOBE_SIZE * (k + 1)], s[i, 0], s[i, 1], unused)
+                x, y, z = x + value * colours[t, k, 0], y + value * colours[t, k, 1], z + value * colours[t, k, 2]
+            out[t, 0, i], out[t, 1, i], out[t, 2, i] = x, y, z

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
 
-from kinran import metrics, near
+from kinran import metrics, prediction
 from kinran.files import read_json, write_json
 from kinran.fit import samples, slope
 from kinran.fit.plates import plates
 from kinran.fit.predict import predict
 from kinran.frames import slopes
-from kinran.labels import read_labels
+from kinran.labels import LabelMap, read_labels
 from kinran.stack import Stack
 from kinran_bsdf.material import Material, read_material, write_material
 from kinran_bsdf.residual import Residual, compress, kernel_matrix
@@ -116,9 +116,7 @@ def _peak(stack: Stack) -> float:
     return max(float(np.percentile(samples.read(stack, box).T, 99.9)) for box in boxes[:: max(1, len(boxes) // 16)])
 
 
-def choose(
-    stack: Stack, labels: NDArray[np.intp], prior: Path, domain: str, shape: tuple[str, int], threads: int
-) -> Choice:
+def choose(stack: Stack, labels: LabelMap, prior: Path, domain: str, shape: tuple[str, int], threads: int) -> Choice:
     """Share, components and smoothing, by a sample of the texels under the training lights."""
     T, W, region = _sample(stack, labels)
     lights = samples.training_directions(stack)
@@ -217,8 +215,8 @@ def surrounded(these: Array, others: Array) -> NDArray[np.bool_]:
         return np.zeros(len(these), bool)
 
 
-def _sample(stack: Stack, labels: NDArray[np.intp]) -> tuple[Values, Values, NDArray[np.intp]]:
-    flat = np.zeros(labels.size, np.intp)
+def _sample(stack: Stack, labels: LabelMap) -> tuple[Values, Values, NDArray[np.intp]]:
+    flat = np.zeros(labels.size, np.uint16)
     flat[np.linspace(0, labels.size - 1, min(SAMPLE, labels.size)).astype(int)] = 1
     chosen = flat.reshape(labels.shape)
     T, W, region = [], [], []
@@ -272,7 +270,7 @@ def _psnr(predicted: Values, truth: Values, usable: Values) -> float:
 def _tile(stack: Stack, material: Material, lights: Array, domain: str, share: float, box: samples.Box) -> Values:
     """Remainder (light, texel · 3) of one tile."""
     tile = samples.read(stack, box)
-    lobes = near.relight(material, stack, box, samples.training_lights(stack))
+    lobes = prediction.predict(material, stack, box, samples.training_lights(stack))
     shown = compress(np.nan_to_num(tile.T), domain).transpose(2, 0, 1).reshape(len(lights), -1)
     return remainder(shown, compress(lobes.reshape(len(lights), -1), domain), domain, share)
 

@@ -4,13 +4,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran.fit import samples
+from kinran.labels import LabelMap
 from kinran.stack import Stack
 
 Single = NDArray[np.float32]
 Labels = NDArray[np.intp]
 
 
-def of_regions(stack: Stack, labels: Labels, count: int, most: int) -> tuple[Single, Single, Labels]:
+def of_regions(stack: Stack, labels: LabelMap, count: int, most: int) -> tuple[Single, Single, Labels]:
     """Samples of at most so many texels of each of `count` regions.
 
     Returns

@@ -8,6 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from kinran import encoding
+from kinran.labels import LabelMap
 from kinran.stack import HOT, SATURATED, SHIFTED, Stack
 
 SATURATED_WEIGHT = 0.2
@@ -131,9 +132,9 @@ def share(boxes: list[Box], tile: str) -> list[Box]:
     return boxes[cuts[index] : cuts[index + 1]]
 
 
-def cut(labels: NDArray[np.intp], box: Box) -> NDArray[np.intp]:
+def cut(labels: LabelMap, box: Box) -> NDArray[np.intp]:
     """Labels (texel,) of a tile."""
-    return labels[box[0] : box[1], box[2] : box[3]].reshape(-1)
+    return labels[box[0] : box[1], box[2] : box[3]].reshape(-1).astype(np.intp)
 
 
 def iterate(stack: Stack, boxes: list[Box]) -> Iterator[Samples]:
