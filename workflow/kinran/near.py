@@ -10,12 +10,11 @@ from kinran.stack import Box, Stack
 
 Array = NDArray[np.float64]
 
-LEAST_BEND = float(np.radians(0.25))
-"""Half vectors that turn by less from the middle of the field to its edge are taken to be the same everywhere."""
+BEND = 0.001
+"""Radians that half vectors may turn from the middle of a cell of texels to its edge: of the size of a 20th of the
+narrowest lobe that is found. A field of one cell is as if lamps and camera were far."""
 AFAR = (0.0, 0.0, 1e9)
 """Where a camera stands, in millimetres, of which nothing is known."""
-CELL = 0.002
-"""Radians that a light may turn from the middle of a cell of texels to its edge."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +41,8 @@ class Cell:
 
 
 def matters(stack: Stack) -> bool:
-    """Whether positions are known and turn the half vectors over the field by more than `LEAST_BEND`."""
-    if not stack.texel_mm or any(light.position_mm is None for light in stack.lights):
-        return False
-    nearest = min(float(np.linalg.norm(light.position_mm or 0)) for light in stack.lights)
-    closeness = 1 / nearest + (1 / stack.camera_mm[2] if stack.camera_mm else 0)
-    return 0.25 * max(stack.height, stack.width) * stack.texel_mm * closeness > LEAST_BEND
+    """Whether positions are known and turn the half vectors over the field by more than `BEND`."""
+    return stack.texel_mm is not None and max(stack.height, stack.width) * stack.texel_mm > _side(stack)
 
 
 def cells(stack: Stack, box: Box, lights: NDArray[np.intp]) -> list[Cell]:
@@ -60,8 +55,7 @@ def cells(stack: Stack, box: Box, lights: NDArray[np.intp]) -> list[Cell]:
     assert stack.texel_mm
     points = geometry.texel_points(stack.height, stack.width, stack.texel_mm)[y0:y1, x0:x1].reshape(-1, 3)
     positions = np.array([stack.lights[i].position_mm for i in lights], float)
-    side = 2 * CELL * np.linalg.norm(positions, axis=1).min()
-    _, cell = np.unique(np.round(points[:, :2] / side).astype(int), axis=0, return_inverse=True)
+    _, cell = np.unique(np.round(points[:, :2] / _side(stack)).astype(int), axis=0, return_inverse=True)
     found = []
     for k in range(cell.max() + 1):
         at = np.flatnonzero(cell.ravel() == k)
@@ -72,3 +66,13 @@ def cells(stack: Stack, box: Box, lights: NDArray[np.intp]) -> list[Cell]:
         factor = np.stack([geometry.falloff(p, points[at]) for p in positions], 1).astype(np.float32)
         found.append(Cell(at, directions, half[:, :2] / half[:, 2:], factor))
     return found
+
+
+def _side(stack: Stack) -> float:
+    """Millimetres of a cell's side; infinite where a lamp's position is not known."""
+    positions = [light.position_mm for light in stack.lights]
+    if None in positions:
+        return np.inf
+    nearest = float(np.linalg.norm(np.array(positions, float), axis=1).min())
+    closeness = 1 / nearest + (1 / stack.camera_mm[2] if stack.camera_mm else 0)
+    return 4 * BEND / closeness
