@@ -31,7 +31,7 @@ def choose(T: np.ndarray, lights: np.ndarray, folder: Path, monkeypatch: pytest.
     region = np.zeros(len(T), np.intp)
     priors = slope.region_priors(free, stack.sample.W, region, 1)
     (folder / "prior.json").write_text(
-        json.dumps([{"centre": p.centre.tolist(), "variance": p.variance} for p in priors])
+        json.dumps([{"centre": p.centre.tolist(), "variance": p.variance, "main": p.main} for p in priors])
     )
     return residual.choose(stack, region.reshape(16, 16), folder / "prior.json", "srgb", ("ggx", 1), 1)  # type: ignore[arg-type]
 

@@ -12,6 +12,9 @@ from kinran.files import read_json, write_json
 LabelMap = NDArray[np.uint16]
 """Region (y, x) of each texel."""
 
+MIXED = 0.8
+"""Share of its region below which a texel is mixed: that of most mixed texels is known to 0.1."""
+
 
 @dataclass(frozen=True)
 class Region:
@@ -63,6 +66,15 @@ def write_labels(
 def read_labels(path: Path) -> LabelMap:
     """Read a label map (y, x), two bytes a texel."""
     return read_channel(path, "label", np.uint16)
+
+
+def read_second(path: Path) -> NDArray[np.intp]:
+    """Read which region shares each texel (y, x), where it has more than a fifth of it; elsewhere the label again."""
+    channels = read_exr(path)
+    labels = read_labels(path)
+    if not {"second", "membership"} <= channels.keys():
+        return labels
+    return np.where(channels["membership"] < MIXED, channels["second"].astype(np.intp), labels)
 
 
 def write_regions(path: Path, regions: list[Region]) -> None:

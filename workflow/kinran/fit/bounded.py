@@ -28,6 +28,7 @@ def refit(
     region: NDArray[np.intp],
     threads: int,
     slopes: Array,
+    second: NDArray[np.intp] | None = None,
 ) -> SlopeFit:
     """Fit texels with saturated samples again, taking what the last fit says above a bound for the sample.
 
@@ -39,7 +40,7 @@ def refit(
         Weights of saturated samples as bounds; 0 elsewhere.
     most
         Texels of which a larger share of the samples is saturated keep the fit that they have.
-    T, W, lights, tail, lobes, priors, region, threads, slopes
+    T, W, lights, tail, lobes, priors, region, threads, slopes, second
         As given to `kinran.fit.slope.fit`.
     """
     saturated = bounds > 0
@@ -49,13 +50,12 @@ def refit(
         return fitted
     known, where = T[at], saturated[at][:, None]
     weights = np.where(saturated[at], bounds[at], W[at]).astype(np.float32)
-    part = SlopeFit(fitted.shapes[at], fitted.colours[at], fitted.cost[at])
+    part = fitted.part(at)
+    kind = tail, lobes, priors, region[at], threads
+    other = None if second is None else second[at]
     for _ in range(ROUNDS):
         filled = np.where(where, np.maximum(known, predict(part, lights, tail, slopes)), known).astype(np.float32)
-        part = slope.fit(
-            filled, weights, lights, tail, lobes, priors, region[at], threads, start=part.shapes, slopes=slopes
-        )
+        part = slope.fit(filled, weights, lights, *kind, start=part.shapes, slopes=slopes, second=other)
     result = replace(fitted, shapes=fitted.shapes.copy(), colours=fitted.colours.copy(), cost=fitted.cost.copy())
-    for name in ("shapes", "colours", "cost"):
-        getattr(result, name)[at] = getattr(part, name)
+    result.put(at, part)
     return result

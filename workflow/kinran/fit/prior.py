@@ -32,4 +32,4 @@ def main(args: argparse.Namespace) -> None:
     T, W, region = of_regions(stack, read_labels(args.labels), count, SAMPLE)
     lights = samples.training_directions(stack)
     priors = slope.learn_priors(T, W, lights, region, count, args.tail, args.lobes, args.threads)
-    write_json(args.out, [{"centre": p.centre.tolist(), "variance": p.variance} for p in priors])
+    write_json(args.out, [{"centre": p.centre.tolist(), "variance": p.variance, "main": p.main} for p in priors])

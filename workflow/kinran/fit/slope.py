@@ -2,7 +2,7 @@
 
 import math
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +37,8 @@ TRUSTED = 12.0
 POOLED = 0.6
 """Share of the resolution of one texel that a region resolves: its facets are turned to see between the lights."""
 FEW = 150
-"""With fewer lights a lobe may stand between them: a second start is tried, at the brightest sample."""
+"""With fewer lights a lobe may stand between them: a second start is tried, at the brightest sample; and priors have
+a say: a second one is tried at texels that two regions share."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,14 @@ class SlopeFit:
     colours: Array
     cost: Array
 
+    def part(self, at: NDArray[np.intp]) -> "SlopeFit":
+        """The fit of some texels."""
+        return SlopeFit(self.shapes[at], self.colours[at], self.cost[at])
+
+    def put(self, at: NDArray[np.intp], part: "SlopeFit") -> None:
+        """Take the fit of some texels from another."""
+        self.shapes[at], self.colours[at], self.cost[at] = part.shapes, part.colours, part.cost
+
 
 @dataclass(frozen=True)
 class Prior:
@@ -72,10 +81,13 @@ class Prior:
         Median shape of the region.
     variance
         Mean weighted squared residual of a sample about lobes of this shape.
+    main
+        Which lobe reflects the most: amplitude times area, of the median texel.
     """
 
     centre: Array
     variance: float
+    main: int = 0
 
     @property
     def lobes(self) -> int:
@@ -91,10 +103,21 @@ class Prior:
         widths = [_narrowest(self.centre[LOBE_SIZE * k : LOBE_SIZE * (k + 1)]) for k in range(self.lobes)]
         return min(resolved, *widths)
 
+    def shared(self, other: "Prior") -> "Prior":
+        """Prior of texels of which another region has a part: of two lobes one of each region, the other's of one."""
+        k, diffuse = LOBE_SIZE * other.main, LOBE_SIZE * self.lobes
+        lobes = [other.centre[k : k + LOBE_SIZE]]
+        if self.lobes == 2:
+            k = LOBE_SIZE * self.main
+            lobes = sorted([self.centre[k : k + LOBE_SIZE], *lobes], key=lambda lobe: -lobe[2] - lobe[4])
+        normal = 0.5 * (self.centre[diffuse:] + other.centre[diffuse:])
+        return replace(self, centre=np.concatenate([*lobes, normal]))
+
 
 def read_priors(path: Path) -> list[Prior]:
     """Priors of the regions, as the stage `prior` writes them."""
-    return [Prior(np.array(row["centre"], float), float(row["variance"])) for row in read_json(path)]
+    rows = read_json(path)
+    return [Prior(np.array(row["centre"], float), float(row["variance"]), int(row["main"])) for row in rows]
 
 
 def resolution(lights: Array, lobes: int = 1) -> float:
@@ -124,6 +147,7 @@ def fit(
     start: Array | None = None,
     narrow: float | None = None,
     slopes: Array | None = None,
+    second: NDArray[np.intp] | None = None,
 ) -> SlopeFit:
     """Fit lobes in slope space and a diffuse term to each texel.
 
@@ -153,26 +177,40 @@ def fit(
         Smallest width of a lobe; by default what the lights resolve.
     slopes : (light, 2)
         Of the half vectors, where the view is not N.
+    second : (texel,)
+        Region that shares the texel; `region` again where none does. Under few lights a shared texel is fitted under
+        the prior of its region and under `Prior.shared`, and keeps the fit that is the more probable.
     """
     count = len(T)
     assert T.shape == (count, 3, len(lights))
     grid = _Lights.of(lights, slopes)
-    least = np.full(count, resolution(lights, lobes) if narrow is None else max(narrow, NARROWEST[lobes]))
+    least = resolution(lights, lobes) if narrow is None else max(narrow, NARROWEST[lobes])
     size = LOBE_SIZE * lobes + DIFFUSE_SIZE
-    centre, stiffness = np.zeros((count, size)), np.zeros((count, size))
+    given = _Given(np.full(count, least), np.zeros((count, size)), np.zeros((count, size)))
+    shared, of_shared = np.zeros(0, np.intp), given
     if priors is not None and region is not None:
-        centre = np.stack([p.centre for p in priors])[region]
-        stiffness = np.stack([p.stiffness() for p in priors])[region]
-        least = np.array([max(p.narrow(least[0]), NARROWEST[lobes]) for p in priors])[region] if count else least
+        given = _Given.of(priors, region, least, lobes)
+        if second is not None and len(lights) < FEW:
+            shared = np.flatnonzero(second != region)
+            pairs = [one.shared(other) for one in priors for other in priors]
+            of_shared = _Given.of(pairs, region[shared] * len(priors) + second[shared], least, lobes)
     solve = _Solver(TAILS[tail], lobes, bent)
 
+    def descend(T: Samples, W: Samples, prior: _Given, first: Array | None) -> SlopeFit:
+        result = _run(solve, T, W, grid, prior, iterations, first)
+        if first is None and len(lights) < FEW:
+            again = _at_brightest(result.shapes, T, W, grid, prior)
+            result = _better(result, _run(solve, T, W, grid, prior, iterations, again), prior, prior)
+        return result
+
     def block(at: slice) -> SlopeFit:
-        prior = _Given(least[at], centre[at], stiffness[at])
-        result = _run(solve, T[at], W[at], grid, prior, iterations, None if start is None else start[at])
-        if start is None and len(lights) < FEW:
-            again = _at_brightest(result.shapes, T[at], W[at], grid, prior)
-            other = _run(solve, T[at], W[at], grid, prior, iterations, again)
-            result = _better(result, other, prior)
+        result = descend(T[at], W[at], given.part(at), None if start is None else start[at])
+        among = slice(*np.searchsorted(shared, (at.start, at.stop)))
+        if among.stop > among.start:
+            one, other = shared[among], of_shared.part(among)
+            mixed = descend(T[one], W[one], other, None if start is None else start[one])
+            own = result.part(one - at.start)
+            result.put(one - at.start, _better(own, mixed, given.part(one), other))
         return result
 
     slices = [slice(k, min(k + BLOCK, count)) for k in range(0, count, BLOCK)]
@@ -198,7 +236,8 @@ def region_priors(fitted: SlopeFit, W: Samples, region: NDArray[np.intp], region
         telling = inside[usable[inside] >= np.median(usable[inside])] if len(inside) else np.arange(len(region))
         freedom = np.maximum(3.0 * usable[telling] - numbers, 1.0)
         variance = float(np.mean(fitted.cost[telling] / freedom))
-        priors.append(Prior(np.median(fitted.shapes[telling], 0), max(variance, 1e-12)))
+        main = int(np.median(_reflected(fitted, telling), 0).argmax())
+        priors.append(Prior(np.median(fitted.shapes[telling], 0), max(variance, 1e-12), main))
     return priors
 
 
@@ -223,9 +262,9 @@ def learn_priors(
     free = fit(T, W, lights, tail, lobes, threads=threads, bent=bent, narrow=finer)
     loose = region_priors(free, W, region, regions)
     hold = HOLD * float(np.mean(np.square(T, where=W[:, None] > 0, out=np.zeros_like(T)), dtype=float))
-    given = [Prior(p.centre, hold) for p in loose]
+    given = [replace(p, variance=hold) for p in loose]
     tight = region_priors(fit(T, W, lights, tail, lobes, given, region, threads, bent), W, region, regions)
-    return [Prior(p.centre, min(held.variance, TRUSTED * p.variance)) for p, held in zip(loose, tight, strict=True)]
+    return [replace(p, variance=min(held.variance, TRUSTED * p.variance)) for p, held in zip(loose, tight, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -245,6 +284,17 @@ class _Given:
     centre: Array
     stiffness: Array
 
+    @classmethod
+    def of(cls, priors: list[Prior], region: NDArray[np.intp], resolved: float, lobes: int) -> "_Given":
+        """What the priors say, and the lights where these do not."""
+        narrow = np.array([max(p.narrow(resolved), NARROWEST[lobes]) for p in priors])
+        centre, stiffness = np.stack([p.centre for p in priors]), np.stack([p.stiffness() for p in priors])
+        return cls(narrow[region], centre[region], stiffness[region])
+
+    def part(self, at: slice | NDArray[np.intp]) -> "_Given":
+        """Of some texels."""
+        return _Given(self.narrow[at], self.centre[at], self.stiffness[at])
+
 
 @dataclass(frozen=True)
 class _Lights:
@@ -263,6 +313,12 @@ class _Lights:
         rows = np.zeros((6, -(-len(directions) // LANES) * LANES), np.float32)
         rows[:, : len(directions)] = *half.T, *directions.T, solid
         return cls(rows[:2], rows[2:5], rows[5])
+
+
+def _reflected(fitted: SlopeFit, at: NDArray[np.intp]) -> Array:
+    """Amplitude times area of each lobe (texel, lobe) of some texels."""
+    lobes = [fitted.shapes[at, LOBE_SIZE * k : LOBE_SIZE * (k + 1)] for k in range(fitted.colours.shape[1] - 1)]
+    return fitted.colours[at, :-1].sum(2) * np.stack([np.exp(-p[:, 2] - p[:, 4]) for p in lobes], 1)
 
 
 def _narrowest(lobe: Array) -> float:
@@ -316,9 +372,9 @@ def _at_brightest(shapes: Array, T: Samples, W: Samples, lights: _Lights, given:
     return start
 
 
-def _better(one: SlopeFit, other: SlopeFit, given: _Given) -> SlopeFit:
+def _better(one: SlopeFit, other: SlopeFit, of_one: _Given, of_other: _Given) -> SlopeFit:
     """Of two fits of each texel, the one of less cost and penalty."""
-    total = [f.cost + (given.stiffness * (f.shapes - given.centre) ** 2).sum(1) for f in (one, other)]
+    total = [f.cost + (g.stiffness * (f.shapes - g.centre) ** 2).sum(1) for f, g in ((one, of_one), (other, of_other))]
     take = total[1] < total[0]
     return SlopeFit(
         np.where(take[:, None], other.shapes, one.shapes),

@@ -17,7 +17,7 @@ from kinran.fit import bounded, lambert, progress, samples, slope, takeda
 from kinran.fit.choice import add_lobes
 from kinran.fit.fitted import fitted_labels
 from kinran.fit.lobes import DIFFUSE_SIZE, LOBE_SIZE, squared_widths
-from kinran.labels import read_labels
+from kinran.labels import read_labels, read_second
 from kinran.stack import Stack
 
 LEAST_SAMPLES = 4
@@ -57,7 +57,7 @@ def main(args: argparse.Namespace) -> None:
     Each tile is kept when it is done: a run that was stopped goes on where it was.
     """
     stack = Stack.open(args.stack)
-    labels = read_labels(args.labels)
+    labels, second = read_labels(args.labels), read_second(args.labels)
     args.fitted = fitted_labels(args, labels)
     priors = None
     if args.prior:
@@ -74,7 +74,7 @@ def main(args: argparse.Namespace) -> None:
             start = time.process_time()
             tile = samples.read(stack, box)
             reading = time.process_time() - start
-            part = _fit(args, stack, tile, region, priors)
+            part = _fit(args, stack, tile, region, samples.cut(second, box), priors)
             part["fit.valid"] = ((tile.W > 0).sum(1) >= LEAST_SAMPLES).astype(float)
             fitting = time.process_time() - start - reading
             costs = {"cpu_seconds": np.array(fitting), "read_seconds": np.array(reading)}
@@ -106,6 +106,7 @@ def _fit(
     stack: Stack,
     tile: samples.Samples,
     region: NDArray[np.intp],
+    second: NDArray[np.intp],
     priors: list[slope.Prior] | None,
 ) -> Channels:
     """Channels (texel,) of one tile, colours in the stack's unit and space; 0 where a texel has no such part."""
@@ -124,7 +125,7 @@ def _fit(
                 continue
             whole = len(at) == len(region) and cell.factor is None
             part = tile if whole else tile.part(at, factor[chosen])
-            for name, values in _fit_cell(args, model, stack, part, cell, region[at], priors).items():
+            for name, values in _fit_cell(args, model, stack, part, cell, region[at], second[at], priors).items():
                 channels[name][at] = values
     return channels
 
@@ -136,6 +137,7 @@ def _fit_cell(
     tile: samples.Samples,
     cell: near.Cell,
     region: NDArray[np.intp],
+    second: NDArray[np.intp],
     priors: list[slope.Prior] | None,
 ) -> Channels:
     """Channels (texel,) of texels under the same directions."""
@@ -146,10 +148,10 @@ def _fit_cell(
         steps = takeda.four_steps(T, cell.lights, *_tolerances(stack))
         return _channels(SHAPES[model], steps.shapes, steps.colours)
     kind = args.tail, args.lobes, priors, region, args.threads
-    result = slope.fit(T, W, cell.lights, *kind, slopes=cell.slopes)
+    result = slope.fit(T, W, cell.lights, *kind, slopes=cell.slopes, second=second)
     if tile.bounds is not None:
         most = 1.0 if stack.encoding else MOST_SATURATED[args.tail]
-        result = bounded.refit(result, T, W, tile.bounds, most, cell.lights, *kind, cell.slopes)
+        result = bounded.refit(result, T, W, tile.bounds, most, cell.lights, *kind, cell.slopes, second)
     lobes = [result.shapes[:, LOBE_SIZE * k : LOBE_SIZE * (k + 1)] for k in range(args.lobes)]
     shapes = [np.stack([p[:, 0], p[:, 1], *squared_widths(p)], 1) for p in lobes]
     channels = _channels(SHAPES[model], np.concatenate(shapes, 1), result.colours)
