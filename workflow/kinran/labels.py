@@ -68,13 +68,10 @@ def read_labels(path: Path) -> LabelMap:
     return read_channel(path, "label", np.uint16)
 
 
-def read_second(path: Path) -> NDArray[np.intp]:
+def read_second(path: Path) -> LabelMap:
     """Read which region shares each texel (y, x), where it has more than a fifth of it; elsewhere the label again."""
-    channels = read_exr(path)
-    labels = read_labels(path)
-    if not {"second", "membership"} <= channels.keys():
-        return labels
-    return np.where(channels["membership"] < MIXED, channels["second"].astype(np.intp), labels)
+    share = read_channel(path, "membership", np.float16)
+    return np.where(share < MIXED, read_channel(path, "second", np.uint16), read_labels(path))
 
 
 def write_regions(path: Path, regions: list[Region]) -> None:
