@@ -38,7 +38,8 @@ class PackedMaps:
 
     The channels are, for the diffuse term and then for each lobe, colour · amplitude · bound in the bands of
     the variant, then the shape: 3 bands, or 1 in mono without a residual, which follows photographs of three.
-    The maps of a residual and `bound` come last.
+    Slope lobes have their albedo in place of their amplitude: between a bright narrow lobe and a faint wide
+    one, filtering keeps the energy. The maps of a residual and `bound` come last.
     """
 
     attributes = ("bound", "label")
@@ -56,7 +57,7 @@ class PackedMaps:
         )
         self.tensor: Any = None  # a copy of what the texture holds, made when somebody traverses
         self.residual = ResidualTable(material, material.residual) if material.residual else None
-        self.pyramid = Pyramid(packed, self._halve, wrap_mode) if pyramid else None
+        self.pyramid = Pyramid(packed, self.next_level, wrap_mode) if pyramid else None
         extra = np.stack([material.channels[name] for name in self.attributes], -1)
         self.extra = mi.Texture2f(
             mi.TensorXf(extra),
@@ -76,32 +77,37 @@ class PackedMaps:
             far = self.pyramid.fetch(uv, level, active & coarse)
             values = [dr.select(coarse, a, b) for a, b in zip(far, fine, strict=True)]
         primaries = self.primaries.at(si.wavelengths, active)
-        terms, rest = self._split(values)
+        terms, rest = self._split(values, dr)
         found = []
         for colour, shape in terms:
             spectrum = colours.Primaries.spectrum(colour, primaries)
             found.append(Term(spectrum, sum(colour) / self.bands, shape, colour))
         return Texel(found, rest)
 
-    def _split(self, values: list[Any]) -> tuple[list[tuple[list[Any], list[Any]]], list[Any]]:
-        """Colour and shape of each term, and what follows, of packed channels."""
+    def _split(self, values: list[Any], xp: Any) -> tuple[list[tuple[list[Any], list[Any]]], list[Any]]:
+        """Colour · amplitude and shape of each term, and what follows, of packed channels."""
         terms, start = [], 0
-        for shape in [("x", "y")] + [SHAPES[self.model]] * self.lobes:
+        for k in range(self.lobes + 1):
             middle = start + self.bands
-            terms.append((values[start:middle], values[middle : middle + len(shape)]))
-            start = middle + len(shape)
+            end = middle + (len(SHAPES[self.model]) if k else 2)
+            colour, shape = values[start:middle], values[middle:end]
+            if k and self.model == "slope":
+                inverse = 1 / xp.maximum(models.slope_albedo(*shape, xp=xp), 1e-12)
+                colour = [c * inverse for c in colour]
+            terms.append((colour, shape))
+            start = end
         return terms, values[start:]
 
-    def _halve(self, packed: Map) -> Map:
-        """Next level of a pyramid."""
-        coarse = halve(packed, self.bands, self.lobes)
+    def next_level(self, packed: Map, weights: Map | None) -> tuple[Map, Map]:
+        """Next level of a pyramid, and the weights of its lobes."""
+        coarse, weights = halve(packed, weights, self.bands, self.lobes, self.tail)
         if self.residual is not None:
-            coarse[..., -3 * self.residual.count - 4 : -1] = self.residual.averaged(packed, coarse, self._radiance)
-        return coarse
+            coarse[..., -3 * self.residual.count - 4 : -1] = self.residual.averaged(packed, coarse, self.radiance)
+        return coarse, weights
 
-    def _radiance(self, channels: list[Map], light: NDArray[np.float64]) -> list[Map]:
+    def radiance(self, channels: list[Map], light: NDArray[np.float64]) -> list[Map]:
         """T of the lobes (3 maps) under a light at the measured view."""
-        ((diffuse, (x, y)), *lobes), _ = self._split(channels)
+        ((diffuse, (x, y)), *lobes), _ = self._split(channels, np)
         view, l = (0.0, 0.0, 1.0), tuple(float(v) for v in light)  # noqa: E741 (the field's letter)
         lift = models.diffuse_lift(view, l, x, y, self.floor)
         total = [lift * c for c in diffuse]
@@ -130,7 +136,7 @@ class PackedMaps:
             return
         self.texture.set_tensor(self.tensor)
         if self.pyramid is not None:
-            self.pyramid = Pyramid(np.array(dr.detach(self.tensor)), self._halve, self.wrap_mode)
+            self.pyramid = Pyramid(np.array(dr.detach(self.tensor)), self.next_level, self.wrap_mode)
 
 
 def pack(material: Material, bands: int) -> Map:
@@ -145,7 +151,12 @@ def pack(material: Material, bands: int) -> Map:
         rows = slice(top, top + step)
         bound = material.channels["bound"][rows, :, None]
         terms = material.terms(rows)
-        parts = [part for colour, shape in terms for part in (colours.pack(colour * bound, bands), shape)]
+        parts = []
+        for k, (colour, shape) in enumerate(terms):
+            colour = colours.pack(colour * bound, bands)
+            if k and material.model == "slope":
+                colour = colour * models.slope_albedo(*np.moveaxis(shape, -1, 0))[..., None]
+            parts += [colour, shape]
         if material.residual is not None:
             parts += [*material.residual_maps(rows), bound]
         np.concatenate(parts, -1, out=packed[rows])

@@ -1,8 +1,7 @@
 """Prefiltered maps for fabric seen from far away.
 
-A texel of level k stands for 2ᵏ × 2ᵏ texels of the map: its lobe has their energy, their mean slope, and the
-variance of all their slopes [LEAN mapping, Olano & Baker 2010], so that what was a weave becomes roughness.
-Moments of slopes average linearly; angles do not, so that `takeda2008` has no pyramid.
+A texel of level k stands for 2ᵏ × 2ᵏ texels of the map: its lobes have their energy, and their slopes on the average,
+so that what was a weave becomes roughness (`mixture`). Angles cannot be averaged, so that `takeda2008` has no pyramid.
 """
 
 from collections.abc import Callable
@@ -13,73 +12,69 @@ import mitsuba
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran_bsdf import models
+from kinran_bsdf import mixture
+from kinran_bsdf.mixture import mean
 
 mi: Any = mitsuba  # its types are those of the variant, at run time
 
 Map = NDArray[np.float32]
 
+BLOCK = 1 << 16  # texels at a time: a block stays in the cache
 
-def halve(packed: Map, bands: int, lobes: int) -> Map:
-    """Next level of packed slope maps (H, W, n), half as large.
+
+def halve(packed: Map, weights: Map | None, bands: int, lobes: int, tail: str) -> tuple[Map, Map]:
+    """Next level of packed slope maps (H, W, n), half as large, and of the weights of its lobes.
 
     Parameters
     ----------
     packed
-        Colour · amplitude and shape of the diffuse term, then of each lobe; whatever follows is averaged.
+        Colour and shape of the diffuse term, then of each lobe; whatever follows is averaged.
+    weights : (lobes, H, W)
+        What each lobe counts in shapes; None where `packed` is the map itself.
     bands
         Number of channels of a colour.
     """
-    colour, slopes = packed[..., :bands], packed[..., bands : bands + 2]
-    weight = colour.sum(-1, keepdims=True)
-    parts = [mean(colour), _weighted(slopes, weight)]
+    height, width = packed.shape[:2]
+    rows = max(BLOCK // width // 2 * 2, 2) if height % 2 == 0 else height
+    parts = [slice(top, top + rows) for top in range(0, height, rows)]
+    found = [_halve(packed[p], None if weights is None else weights[:, p], bands, lobes, tail) for p in parts]
+    level, weights = np.concatenate([level for level, _ in found]), np.concatenate([w for _, w in found], 1)
+    if lobes == 2:
+        start, length = bands + 2, bands + 5
+        terms = np.moveaxis(level[..., start : start + 2 * length].reshape(*level.shape[:2], 2, length), (2, 3), (0, 1))
+        turned = mixture.out_of_order(terms[:, :bands], terms[:, bands:])
+        terms[:, :, turned] = terms[::-1, :, turned]
+        weights[:, turned] = weights[::-1, turned]
+        level[..., start : start + 2 * length] = np.moveaxis(terms, (0, 1), (2, 3)).reshape(*level.shape[:2], -1)
+    return level, weights
+
+
+def _halve(packed: Map, weights: Map | None, bands: int, lobes: int, tail: str) -> tuple[Map, Map]:
+    height, width = packed.shape[:2]
+    planes = np.ascontiguousarray(np.moveaxis(packed, -1, 0))
     rest = bands + 2 + lobes * (bands + 5)
-    for start in range(bands + 2, rest, bands + 5):
-        colour = packed[..., start : start + bands]
-        x, y, xx, xy, yy = np.moveaxis(packed[..., start + bands : start + bands + 5], -1, 0)
-        unit = models.slope_albedo(x, y, xx, xy, yy)[..., None]
-        weight = colour.sum(-1, keepdims=True) * unit
-        # G = exp(−dᵀ S⁻¹ d) has the covariance S / 2
-        moments = np.stack([x, y, xx + 2 * x * x, xy + 2 * x * y, yy + 2 * y * y], -1)
-        shape = _weighted(moments, weight)
-        x, y = shape[..., 0], shape[..., 1]
-        shape[..., 2:] -= 2 * np.stack([x * x, x * y, y * y], -1)
-        energy = mean(colour * unit)
-        parts += [energy / models.slope_albedo(*np.moveaxis(shape, -1, 0))[..., None], shape]
-    parts.append(mean(packed[..., rest:]))
-    return np.concatenate(parts, -1, dtype=np.float32)
-
-
-def mean(values: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-    """Box filter to half the size, rounded down; an odd size gives cells of a little over two texels."""
-    result = np.asarray(values, np.float64)
-    for axis in (0, 1):
-        size = result.shape[axis]
-        if size % 2 == 0:
-            one, other = ((slice(k, None, 2),) if axis == 0 else (slice(None), slice(k, None, 2)) for k in (0, 1))
-            result = 0.5 * (result[one] + result[other])
-        elif size > 1:
-            edges = np.linspace(0, size, size // 2 + 1)
-            whole = np.minimum(edges.astype(int), size - 1)
-            part = np.expand_dims(edges - whole, tuple({0, 1, 2} - {axis}))
-            before = np.cumsum(result, axis) - result
-            sums = np.take(before, whole, axis) + part * np.take(result, whole, axis)
-            result = np.diff(sums, axis=axis) * (size // 2 / size)
-    return result
-
-
-def _weighted(values: Map, weight: Map) -> NDArray[np.float64]:
-    total = mean(weight)
-    return np.where(total > 0, mean(values * np.float64(weight)) / np.where(total > 0, total, 1), mean(values))
+    colour, slopes = planes[:bands], planes[bands : bands + 2]
+    terms = planes[bands + 2 : rest].reshape(lobes, bands + 5, height, width)
+    energies, shapes = terms[:, :bands], terms[:, bands:]
+    if weights is None:
+        weights = mixture.weights_of(energies, shapes)
+    if lobes:
+        energies, shapes, weights = mixture.reduced(energies, shapes, weights, tail)
+    terms = np.concatenate([energies, shapes], 1)
+    weight = colour.sum(0)
+    weight += np.float32(1e-9 * weight.mean() + 1e-30)
+    levels = [mean(colour), mean(slopes * weight) / mean(weight), *terms, mean(planes[rest:])]
+    return np.ascontiguousarray(np.moveaxis(np.concatenate(levels), 0, -1)), weights
 
 
 class Pyramid:
     """Levels 1 and up of packed maps in one texture, each with a border that makes it repeat or stay."""
 
-    def __init__(self, packed: Map, halve: Callable[[Map], Map], wrap_mode: str) -> None:
-        levels = []
+    def __init__(self, packed: Map, halve: Callable[[Map, Map | None], tuple[Map, Map]], wrap_mode: str) -> None:
+        levels: list[Map] = []
+        weights = None
         while max(packed.shape[:2]) > 1:
-            packed = halve(packed)
+            packed, weights = halve(packed, weights)
             levels.append(packed)
         levels = levels or [packed]
         self.wrap_mode, self.count = wrap_mode, len(levels)

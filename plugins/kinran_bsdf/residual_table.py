@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kinran_bsdf import colours
 from kinran_bsdf.material import Material
-from kinran_bsdf.pyramid import mean
+from kinran_bsdf.mixture import mean
 from kinran_bsdf.residual import Residual, compress, expand
 
 mi: Any = mitsuba  # its types are those of the variant, at run time
@@ -100,7 +100,7 @@ class ResidualTable:
             after = self._lobes_shown(radiance(there, light), there[-1], np)
             for c, left in enumerate(self._left(here[-3 * count - 1 : -1], row.astype(np.float32))):
                 seen = expand(before[c] + left, self.residual.domain) * here[-1]
-                seen = mean(seen[..., None])[..., 0] / there[-1]
+                seen = mean(seen) / there[-1]
                 wanted = compress(seen, self.residual.domain) - after[c]
                 result[..., c] += wanted[..., None] * column.astype(np.float32)
         return result.reshape(*coarse.shape[:2], -1)

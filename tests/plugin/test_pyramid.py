@@ -10,8 +10,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from kinran_bsdf import Material, models, write_material
-from kinran_bsdf.maps import pack
+from kinran_bsdf import Material, models, pyramid, write_material
+from kinran_bsdf.maps import PackedMaps, pack
+from kinran_bsdf.mixture import mean
 from kinran_bsdf.pyramid import Pyramid, halve
 from kinran_bsdf.residual import Residual, spline
 
@@ -55,28 +56,101 @@ def patterned(fabric: Callable[..., Material]) -> Material:
 
 
 def apex(m: Material, levels: int) -> np.ndarray:
-    packed = pack(m, 3)
+    packed, weights = pack(m, 3), None
     for _ in range(levels):
-        packed = halve(packed, 3, m.lobes)
+        packed, weights = halve(packed, weights, 3, m.lobes, m.tail)
     return packed
 
 
+@pytest.mark.parametrize("lobes", [1, 2])
 @pytest.mark.parametrize("size", [(64, 64), (48, 80), (37, 53)])
-def test_levels_keep_energy_mean_and_variance(jit: str, fabric: Callable[..., Material], size: tuple[int, int]) -> None:
-    m = weave(fabric, size)
-    top = apex(m, 6)
+def test_levels_keep_the_energy_of_each_band(
+    jit: str, fabric: Callable[..., Material], size: tuple[int, int], lobes: int
+) -> None:
+    m = fabric(lobes=lobes, size=size)
+    top, texels = apex(m, 6), pack(m, 3)
     assert top.shape[:2] == (1, 1)
-    texels = pack(m, 3).reshape(-1, 13)
-    unit = models.slope_albedo(*texels[:, 8:].T)
-    weight = unit * texels[:, 5:8].sum(-1)
-    mean = np.average(texels[:, 8:10], 0, weights=weight)
-    spread = np.cov(texels[:, 8:10].T, aweights=weight, ddof=0) * 2
+    np.testing.assert_allclose(top[0, 0, :3], texels[..., :3].mean((0, 1)), rtol=1e-5)
+    energy = [sum(packed[..., 5 + 8 * k : 8 + 8 * k] for k in range(lobes)) for packed in (top, texels)]
+    np.testing.assert_allclose(energy[0][0, 0], energy[1].mean((0, 1)), rtol=1e-5)
+
+
+@pytest.mark.parametrize(("tail", "part"), [("gaussian", 2), ("ggx", 4)])
+def test_a_lobe_has_the_mean_and_the_variance_of_four(
+    jit: str, fabric: Callable[..., Material], tail: str, part: int
+) -> None:
+    """By energy times the root of amplitude; part is what a variance is in squared widths, at the centre of a lobe."""
+    m = fabric(size=(2, 2), tail=tail)
+    texels, top = pack(m, 3).reshape(4, 13).astype(float), apex(m, 1)[0, 0]
+    energy = texels[:, 5:8].sum(1)
+    weight = energy * np.sqrt(energy / models.slope_albedo(*texels[:, 8:].T))
+    spread = np.cov(texels[:, 8:10].T, aweights=weight, ddof=0) * part
     own = np.average(texels[:, 10:], 0, weights=weight)
-    np.testing.assert_allclose(top[0, 0, :3], texels[:, :3].mean(0), rtol=1e-5)
-    np.testing.assert_allclose(top[0, 0, 8:10], mean, atol=1e-5)
-    np.testing.assert_allclose(top[0, 0, 10:], own + np.array([spread[0, 0], spread[0, 1], spread[1, 1]]), atol=1e-5)
-    energy = top[0, 0, 5:8] * models.slope_albedo(*top[0, 0, 8:].astype(float))
-    np.testing.assert_allclose(energy, (texels[:, 5:8] * unit[:, None]).mean(0), rtol=1e-5)
+    np.testing.assert_allclose(top[8:10], np.average(texels[:, 8:10], 0, weights=weight), atol=1e-5)
+    np.testing.assert_allclose(top[10:], own + spread[[0, 0, 1], [0, 1, 1]], atol=1e-5)
+
+
+def crossed(fabric: Callable[..., Material]) -> Material:
+    """Ribs with a lobe on each flank, whose order changes from texel to texel."""
+    m, rng, size = fabric(lobes=2, size=(64, 64)), np.random.default_rng(0), (64, 64)
+    side = np.where(rng.random(size) < 0.5, 1, -1) * rng.normal(0.25, 0.05, size)
+    for k, sign in ((1, 1), (2, -1)):
+        shape = {"x": sign * side, "y": rng.normal(scale=0.1, size=size), "xx": 0.01, "xy": 0, "yy": 0.03}
+        for name, value in {**shape, "amplitude": 0.5}.items():
+            m.channels[f"lobe{k}.{name}"][:] = value
+    return m
+
+
+def nested(fabric: Callable[..., Material]) -> Material:
+    """Yarns with a bright narrow lobe in a faint wide one, always in this order."""
+    m, rng, size = fabric(lobes=2, size=(64, 64)), np.random.default_rng(0), (64, 64)
+    x, y = rng.normal(scale=[[[0.2]], [[0.05]]], size=(2, *size))
+    for k, (width, amplitude) in enumerate(((0.005, 2.0), (0.1, 0.2)), 1):
+        shape = {"x": x, "y": y, "xx": width, "xy": 0, "yy": 2 * width, "amplitude": amplitude * rng.random(size)}
+        for name, value in shape.items():
+            m.channels[f"lobe{k}.{name}"][:] = value
+    return m
+
+
+def even(fabric: Callable[..., Material]) -> Material:
+    """Cloth of a narrow and a wide lobe that is the same everywhere but for noise in its slopes."""
+    m, rng = nested(fabric), np.random.default_rng(0)
+    for k, (mean_slope, amplitude) in enumerate(((0.1, 2.0), (0.0, 1.0)), 1):
+        for s in "xy":
+            m.channels[f"lobe{k}.{s}"][:] = rng.normal(mean_slope, 0.03, (64, 64))
+        m.channels[f"lobe{k}.amplitude"][:] = amplitude
+    return m
+
+
+@pytest.mark.parametrize(("make", "bound"), [(crossed, 0.08), (nested, 0.2), (even, 0.03)])
+def test_lobes_are_grouped_as_they_belong_together(
+    jit: str, fabric: Callable[..., Material], make: Any, bound: float
+) -> None:
+    """Levels 1 to 3 against the mean of their texels at V = N: relative RMS over lights."""
+    m = make(fabric)
+    packed = pack(m, 3)
+    maps = PackedMaps(m, "nearest", "repeat", 0.1, False)
+    z, turn = np.random.default_rng(1).uniform([0.4, 0], [1, 2 * np.pi], (30, 2)).T
+    r = np.sqrt(1 - z * z)
+
+    def seen(level: np.ndarray) -> np.ndarray:
+        channels = list(np.moveaxis(level, -1, 0))
+        lights = np.stack([r * np.cos(turn), r * np.sin(turn), z], -1)
+        return np.array([maps.radiance(channels, light) for light in lights])
+
+    truth, weights = seen(packed), None
+    for _ in range(3):
+        packed, weights = halve(packed, weights, 3, 2, "gaussian")
+        truth = mean(truth)
+        assert np.sqrt(np.mean((seen(packed) - truth) ** 2) / np.mean(truth**2)) < bound
+
+
+def test_blocks_of_rows_are_one_whole(jit: str, fabric: Callable[..., Material], monkeypatch: Any) -> None:
+    packed = pack(fabric(lobes=2, size=(24, 10)), 3)
+    whole = halve(packed, None, 3, 2, "gaussian")
+    monkeypatch.setattr(pyramid, "BLOCK", 40)
+    for found, expected in zip(halve(packed, None, 3, 2, "gaussian"), whole, strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
 def test_fabric_without_lobes_has_a_pyramid(jit: str, fabric: Callable[..., Material]) -> None:
@@ -90,15 +164,15 @@ def test_fabric_without_lobes_has_a_pyramid(jit: str, fabric: Callable[..., Mate
 @pytest.mark.parametrize("wrap", ["repeat", "clamp"])
 def test_each_level_is_found_and_wraps(jit: str, fabric: Callable[..., Material], wrap: str) -> None:
     packed = pack(weave(fabric, (24, 40)), 3)
-    pyramid = Pyramid(packed, lambda m: halve(m, 3, 1), wrap)
-    level = packed
-    for k in range(1, pyramid.count + 1):
-        level = halve(level, 3, 1)
+    levels = Pyramid(packed, lambda m, w: halve(m, w, 3, 1, "gaussian"), wrap)
+    level, weights = packed, None
+    for k in range(1, levels.count + 1):
+        level, weights = halve(level, weights, 3, 1, "gaussian")
         height, width = level.shape[:2]
         for y, x in ((0, 0), (height - 1, width - 1), (height // 2, width // 3)):
             uv = mi.Point2f((x + 0.5) / width, (y + 0.5) / height)
-            np.testing.assert_allclose(np.ravel(pyramid.fetch(uv, mi.Float(k), True)), level[y, x], atol=2e-4)
-        seam = np.ravel(pyramid.fetch(mi.Point2f(1, 0.5 / height), mi.Float(k), True))
+            np.testing.assert_allclose(np.ravel(levels.fetch(uv, mi.Float(k), True)), level[y, x], atol=2e-4)
+        seam = np.ravel(levels.fetch(mi.Point2f(1, 0.5 / height), mi.Float(k), True))
         other = level[0, 0] if wrap == "repeat" else level[0, -1]
         np.testing.assert_allclose(seam, (level[0, -1] + other) / 2, atol=2e-4)
 
@@ -126,7 +200,7 @@ PIXEL = np.radians(10) / 16
 
 
 @pytest.mark.parametrize("light", [[0, 0, -1], [-0.5, 0, -0.9], [0.3, 0.4, -0.9]])
-@pytest.mark.parametrize(("make", "bound"), [(rough, 0.05), (weave, 0.25), (patterned, 0.04)])
+@pytest.mark.parametrize(("make", "bound"), [(rough, 0.05), (weave, 0.25), (patterned, 0.04), (crossed, 0.05)])
 def test_far_view_is_the_supersampled_one(
     jit: str, fabric: Callable[..., Material], tmp_path: Path, light: list[float], make: Any, bound: float
 ) -> None:

@@ -331,14 +331,19 @@ private:
         }
         Values values = look_up(m_maps, uv(si), active);
         for (size_t k = 0; k <= m_lobes; ++k) {
+            for (size_t c = 0; c < m_bands; ++c)
+                terms[k].bands[c] = values[at++];
+            for (size_t i = 0; i < (k ? m_shape : 2); ++i)
+                terms[k].shape[i] = values[at++];
+            Float inverse = 1.f;
+            if (k && m_models.model == Model::Slope)
+                inverse = dr::rcp(dr::maximum(m_models.energy(terms[k].shape), (ScalarFloat) 1e-12));
             terms[k].strength = 0.f;
             for (size_t c = 0; c < m_bands; ++c) {
-                terms[k].bands[c] = values[at++];
+                terms[k].bands[c] *= inverse;
                 terms[k].strength += terms[k].bands[c] / (ScalarFloat) m_bands;
             }
             terms[k].colour = spectrum(si, terms[k].bands, active);
-            for (size_t i = 0; i < (k ? m_shape : 2); ++i)
-                terms[k].shape[i] = values[at++];
         }
         while (at < values.size())
             texel.residual.push_back(values[at++]);

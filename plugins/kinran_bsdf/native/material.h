@@ -244,8 +244,14 @@ inline void floor_widths(const Material &m, float *shape) {
     shape[4] += lack;
 }
 
-/// Colour · amplitude · bound in `bands` bands and shape, of the diffuse term and then of each lobe, texel by texel; the
-/// maps of a residual and `bound` come last
+/// Albedo of a slope lobe of amplitude 1 at V = N, nearly, as in models.py
+inline float slope_albedo(const float *p) {
+    float z = 1 / (1 + p[0] * p[0] + p[1] * p[1] + 0.5f * (p[2] + p[4]));
+    return 4 * (float) M_PI * std::sqrt(std::max(p[2] * p[4] - p[3] * p[3], 0.f)) * z * z;
+}
+
+/// Colour · amplitude · bound in `bands` bands and shape, of the diffuse term and then of each lobe, texel by texel; slope
+/// lobes have their albedo in place of their amplitude; the maps of a residual and `bound` come last
 inline std::vector<float> pack(const Material &m, size_t bands) {
     std::vector<float> result;
     std::vector<const std::vector<float> *> planes;
@@ -289,8 +295,11 @@ inline std::vector<float> pack(const Material &m, size_t bands) {
             size_t shape = k ? m.shape().size() : 2;
             for (size_t s = 0; s < shape; ++s)
                 result.push_back(k && (*planes[at - 1])[i] <= 0 ? fills[k][s] : (*planes[at + s])[i]);
+            float *last = result.data() + result.size() - shape;
             if (k)
-                floor_widths(m, result.data() + result.size() - shape);
+                floor_widths(m, last);
+            for (size_t b = 1; k && m.model == "slope" && b <= bands; ++b)
+                last[-(ptrdiff_t) b] *= slope_albedo(last);
             at += shape;
         }
         for (const auto *plane : rest)
