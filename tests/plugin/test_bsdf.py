@@ -114,7 +114,7 @@ def test_angles_are_never_interpolated(jit: str, fabric: Callable[..., Material]
 
 
 def test_filtering_between_texels_keeps_the_energy(jit: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
-    """A checkerboard of bright narrow and faint wide lobes; filtered amplitudes would make it nearly three times as bright."""
+    """A checkerboard of bright narrow and faint wide lobes; filtered amplitudes would nearly treble its brightness."""
     m, n, rng = fabric(size=(16, 16)), 1 << 18, np.random.default_rng(0)
     y, x = np.mgrid[:16, :16]
     narrow = (x + y) % 2 == 0
