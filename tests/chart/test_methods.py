@@ -9,7 +9,7 @@ import pytest
 from trials import shiny_trial
 
 from kinran import code, encoding
-from kinran.chart import errors, residual
+from kinran.chart import errors, lobes, residual
 from kinran.chart.method import Method
 from kinran.chart.methods import kinds, methods, of
 
@@ -119,3 +119,14 @@ def test_a_region_has_one_shape() -> None:
     assert apart < 0.05
     assert together > 1.8 * apart
     assert method.fit(tried).bytes_per_texel(10**6) == pytest.approx(17, abs=0.01)
+
+
+def test_shared_texels_have_the_pipelines_second_prior() -> None:
+    tried = shiny_trial()
+    few = tried.under(np.arange(0, len(tried.lights), 2)[:40])
+    mixed = np.arange(tried.texels) % 3 == 0
+    shared = replace(few, second=np.where(mixed, 1 - few.region, few.region))
+    shapes = [lobes.fit(trial, "ggx", 1).shapes for trial in (few, shared)]
+    changed = (shapes[0] != shapes[1]).any(1)
+    assert changed.any()
+    assert not changed[~mixed].any()

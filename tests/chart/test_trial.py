@@ -65,9 +65,11 @@ def test_photographs_are_judged_where_they_clip_and_weighted_by_their_encoding(t
 def test_the_middle_of_a_large_map_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(trial, "SIDE", 4)
     labels = np.arange(60).reshape(6, 10)
-    tried = trial.read(stack_of(tmp_path / "s.zarr", (3,)), labels, np.eye(3))
+    tried = trial.read(stack_of(tmp_path / "s.zarr", (3,)), labels, np.eye(3), labels + 1)
     assert tried.shape == (4, 4)
     np.testing.assert_array_equal(tried.region.reshape(4, 4), labels[1:5, 3:7])
+    np.testing.assert_array_equal(tried.second, tried.region + 1)
+    np.testing.assert_array_equal(tried.thinned(3).second, tried.region[[0, 7, 15]] + 1)
 
 
 def test_exposures_hold_radiance_up_to_the_clip_of_the_sensor(tmp_path: Path) -> None:

@@ -31,6 +31,7 @@ def shiny_trial(seed: int = 0) -> Trial:
         held_out=lights[held],
         share=np.sqrt(1 - lights[held, 2] ** 2),
         region=region,
+        second=region,
         grid=grid[~held],
         shape=SHAPE,
         coder=None,

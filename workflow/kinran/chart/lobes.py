@@ -21,8 +21,12 @@ def priors(trial: Trial, tail: str, lobes: int, bent: bool = True) -> tuple[list
 
 def fit(trial: Trial, tail: str, lobes: int, with_prior: bool = True) -> slope.SlopeFit:
     """Fit every texel, under its region's prior or alone."""
-    known, region = priors(trial, tail, lobes) if with_prior else (None, None)
-    return slope.fit(trial.T, trial.W, trial.lights, tail=tail, lobes=lobes, priors=known, region=region)
+    if not with_prior:
+        return slope.fit(trial.T, trial.W, trial.lights, tail, lobes)
+    known, region = priors(trial, tail, lobes)
+    present = np.unique(trial.region)
+    second = np.where(np.isin(trial.second, present), np.searchsorted(present, trial.second), region)
+    return slope.fit(trial.T, trial.W, trial.lights, tail, lobes, known, region, second=second)
 
 
 def numbers(fitted: slope.SlopeFit) -> int:

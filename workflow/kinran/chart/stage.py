@@ -11,7 +11,7 @@ from kinran.chart import default, experiments, rows, table, trial
 from kinran.chart.method import Method
 from kinran.chart.methods import kinds, methods, of
 from kinran.files import InputError, check_name
-from kinran.labels import read_labels, read_regions
+from kinran.labels import read_labels, read_regions, read_second
 from kinran.stack import Stack
 from kinran_bsdf.colours import TO_REC709
 
@@ -33,7 +33,7 @@ def main(args: argparse.Namespace) -> None:
     """Write the table and the pictures, and say where the default stands."""
     fabric = check_name(args.fabric, "fabric")
     stack = Stack.open(args.stack)
-    tried = trial.read(stack, read_labels(args.labels), TO_REC709 @ stack.to_acescg)
+    tried = trial.read(stack, read_labels(args.labels), TO_REC709 @ stack.to_acescg, read_second(args.labels))
     names = [region.name for region in read_regions(args.regions)]
     found = []
     if args.kind in (None, default.FAMILY):

@@ -36,7 +36,8 @@ class Trial:
     lights, held_out : (light, 3)
     share : (light,)
         Of the sphere that each held-out light stands for.
-    region : (texel,) int
+    region, second : (texel,) int
+        Region, and the one that shares the texel; the same where none does.
     grid : (light, 2) or None
         (iθ, iφ) of the training lights on a grid.
     shape
@@ -57,6 +58,7 @@ class Trial:
     held_out: Array
     share: Array
     region: Labels
+    second: Labels
     grid: NDArray[np.intp] | None
     shape: tuple[int, int]
     coder: encoding.Encoding | None
@@ -86,9 +88,8 @@ class Trial:
     def thinned(self, most: int) -> "Trial":
         """The trial with at most so many texels, evenly through the map; `shape` no longer holds."""
         use = np.linspace(0, self.texels - 1, min(most, self.texels)).astype(np.intp)
-        return replace(
-            self, T=self.T[use], W=self.W[use], truth=self.truth[use], valid=self.valid[use], region=self.region[use]
-        )
+        names = ("T", "W", "truth", "valid", "region", "second")
+        return replace(self, **{name: getattr(self, name)[use] for name in names})
 
     def with_exposures(self, kept: int) -> "Trial":
         """The trial as if only the `kept` longest exposures had been taken: what is brighter is clipped."""
@@ -108,8 +109,8 @@ def spread(lights: Array, count: int) -> NDArray[np.intp]:
     return np.sort(np.array(chosen, np.intp))
 
 
-def read(stack: Stack, labels: LabelMap, to_rec709: Array) -> Trial:
-    """The trial of a stack's middle texels.
+def read(stack: Stack, labels: LabelMap, to_rec709: Array, second: LabelMap | None = None) -> Trial:
+    """The trial of a stack's middle texels; `second` shares them, nobody by default.
 
     Raises
     ------
@@ -142,6 +143,7 @@ def read(stack: Stack, labels: LabelMap, to_rec709: Array) -> Trial:
         held_out=directions[held],
         share=np.sqrt(np.maximum(1 - directions[held, 2] ** 2, 0)) if on_grid else np.ones(int(held.sum())),
         region=labels[y : y + height, x : x + width].reshape(-1).astype(np.intp),
+        second=(labels if second is None else second)[y : y + height, x : x + width].reshape(-1).astype(np.intp),
         grid=np.array([light.grid for light in lights], np.intp) if on_grid else None,
         shape=(height, width),
         coder=coder,
