@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cloth_on_disk import Cloth, directions, pictures
+from PIL import Image
 from synthetic_texels import grid, radiance, texels
 
-from kinran.fit import choice
+from kinran.fit import choice, simplest
+from kinran.fit.candidates import CANDIDATES, Sampled
 from kinran_bsdf.material import read_material
 
 SHAPE = (10, 12)
@@ -17,7 +19,8 @@ LABELS = np.repeat([0, 1], COUNT // 2).reshape(SHAPE)
 
 
 def chosen(cloth: Cloth) -> dict:
-    assert cloth.run("choice", "choice.json", "--regions", cloth.folder / "regions.json") == 0
+    given = ["--regions", cloth.folder / "regions.json", "--picture", cloth.folder / "choice.png"]
+    assert cloth.run("choice", "choice.json", *given) == 0
     return json.loads((cloth.folder / "choice.json").read_text())
 
 
@@ -47,6 +50,10 @@ def test_a_matte_region_gets_no_lobe_and_a_ggx_one_gets_one(half_matte: Cloth) -
     assert found["regions"]["thread1"]["chosen"] == "lambert"
     assert found["bytes_per_texel"] == pytest.approx((26 + 6) / 2)
     assert found["bytes_saved"] == pytest.approx(42 - 16)
+    assert found["regions"]["thread0"]["one GGX lobe"]["texels"] > 0.9
+    assert found["regions"]["thread1"]["lambert"]["texels"] > 0.9
+    shown = np.asarray(Image.open(half_matte.folder / "choice.png").convert("L"))
+    assert (shown == 150).sum() == pytest.approx((shown == 40).sum(), rel=0.2)
 
 
 def test_two_lobes_where_two_are_seen(tmp_path: Path, lights: np.ndarray) -> None:
@@ -59,6 +66,7 @@ def test_two_lobes_where_two_are_seen(tmp_path: Path, lights: np.ndarray) -> Non
     assert (found["lobes"], found["tail"], found["fitted"]) == (2, "gaussian", [0, 1])
     row = found["regions"]["thread0"]
     assert row["two Gaussian lobes"]["psnr"] > row["one GGX lobe"]["psnr"] + 0.3
+    assert row["two Gaussian lobes"]["texels"] > 0.7  # where the two face alike, one will do
     assert row["two Gaussian lobes"]["bic"] < row["one GGX lobe"]["bic"]
 
 
@@ -100,8 +108,32 @@ def test_bytes_cost_decibels() -> None:
     share = np.ones(1)
     for gain, name in ((0.2, "one GGX lobe"), (0.4, "two Gaussian lobes")):
         judged = {}
-        for candidate, db in zip(choice.CANDIDATES, (10, 30, 30 + gain), strict=True):
+        for candidate, db in zip(CANDIDATES, (10, 30, 30 + gain), strict=True):
             zero = np.zeros(1)
             judged[candidate.name] = choice.Judgement(np.full((5, 1), 10 ** (-db / 10)), zero, zero, zero)
         best, kinds = choice.choose(judged, share)
         assert (best.name, kinds[0].name) == (name, name)
+
+
+def test_a_texels_byte_costs_its_part_of_the_fabrics_decibels() -> None:
+    """What 0.3 dB of the fabric's error are, a texel's second lobe has to take away from the texel's."""
+    worth = 0.3 / 10 * np.log(10)
+    errors = [np.full(2, 9.0), np.full(2, 1.0), 1 - worth * np.array([0.9, 1.1])]
+    np.testing.assert_array_equal(simplest.simplest(errors, 1.0), [1, 2])
+
+
+def test_error_under_lights_left_out(lights: np.ndarray) -> None:
+    """A cosine that is fitted to noise: what is left under its own lights says what it leaves under others."""
+    rng = np.random.default_rng(0)
+    few = lights[::8]
+    clean = np.ones((4000, 3, 1)) * few[:, 2]
+    seen, other = ((clean + 0.1 * rng.standard_normal(clean.shape)).astype(np.float32) for _ in range(2))
+    zero = np.zeros(len(clean), int)
+    sample = Sampled(seen, np.ones((len(clean), len(few)), np.float32), few, zero, zero, lambda light: light)
+    scale = (seen * few[:, 2]).sum(2) / (few[:, 2] ** 2).sum()
+    fitted = (scale[:, :, None] * few[:, 2]).astype(np.float32)
+    plain = np.mean((fitted - seen) ** 2)
+    truth = np.mean((fitted - other) ** 2)
+    assert np.mean(simplest.left_out(sample, fitted, 3)) == pytest.approx(truth, rel=0.02)
+    assert plain < 0.9 * truth
+    assert np.isinf(simplest.left_out(sample, fitted, 3 * len(few))).all()

@@ -48,7 +48,8 @@ rule choice:
         labels=f"{fitted}/labels.exr",
         regions=f"{fitted}/regions.json",
     output:
-        "results/{fabric}/fit/choice.json",
+        choice="results/{fabric}/fit/choice.json",
+        picture="results/{fabric}/fit/choice.png",
     log:
         "logs/{fabric}/choice.log",
     benchmark:
@@ -58,8 +59,8 @@ rule choice:
         stack=fitted_stack,
         code=digest("kinran.fit.choice"),
     shell:
-        "python -m kinran choice {output:q} --stack {params.stack:q} --labels {input.labels:q}"
-        " --regions {input.regions:q} --threads {threads} 2>&1 | tee {log}"
+        "python -m kinran choice {output.choice:q} --stack {params.stack:q} --labels {input.labels:q}"
+        " --regions {input.regions:q} --picture {output.picture:q} --threads {threads} 2>&1 | tee {log}"
 
 
 rule prior:

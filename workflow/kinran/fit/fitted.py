@@ -2,7 +2,7 @@
 
 import argparse
 
-from kinran.fit.choice import take_choice
+from kinran.fit.chosen import take_choice
 from kinran.labels import LabelMap
 from kinran.needed import needed_labels
 

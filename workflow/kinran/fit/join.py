@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from kinran.files import InputError, sha256, write_json
-from kinran.fit.choice import add_lobes
+from kinran.fit.chosen import add_lobes
 from kinran.fit.fitted import fitted_labels
 from kinran.fit.tile import MODELS
 from kinran.labels import LabelMap, read_labels, read_regions

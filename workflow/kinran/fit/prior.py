@@ -3,9 +3,11 @@
 import argparse
 from pathlib import Path
 
+import numpy as np
+
 from kinran.files import write_json
 from kinran.fit import samples, slope
-from kinran.fit.choice import add_lobes, take_choice
+from kinran.fit.chosen import add_lobes, take_choice
 from kinran.fit.sampled import of_regions
 from kinran.labels import read_labels, read_regions
 from kinran.stack import Stack
@@ -29,7 +31,9 @@ def main(args: argparse.Namespace) -> None:
     take_choice(args)
     stack = Stack.open(args.stack)
     count = len(read_regions(args.regions))
-    T, W, region = of_regions(stack, read_labels(args.labels), count, SAMPLE)
+    labels = read_labels(args.labels)
+    T, W, at = of_regions(stack, labels, count, SAMPLE)
+    region = labels.reshape(-1)[at].astype(np.intp)
     lights = samples.training_directions(stack)
     priors = slope.learn_priors(T, W, lights, region, count, args.tail, args.lobes, args.threads)
     write_json(args.out, [{"centre": p.centre.tolist(), "variance": p.variance, "main": p.main} for p in priors])

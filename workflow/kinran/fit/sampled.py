@@ -18,18 +18,20 @@ def of_regions(stack: Stack, labels: LabelMap, count: int, most: int) -> tuple[S
     -------
     T : (texel, 3, light) float32
     W : (texel, light) float32
-    region : (texel,) int
+    at : (texel,) int
+        Their places in the flattened map.
     """
     chosen = np.zeros(labels.size, bool)
     for k in range(count):
         inside = np.flatnonzero(labels.reshape(-1) == k)
         chosen[inside[np.linspace(0, len(inside) - 1, min(most, len(inside))).astype(int)]] = True
     chosen_map = chosen.reshape(labels.shape)
-    T, W, region = [], [], []
+    places = np.arange(labels.size).reshape(labels.shape)
+    T, W, at = [], [], []
     for tile in samples.iterate(stack, stack.tiles()):
         y0, y1, x0, x1 = tile.box
         inside = chosen_map[y0:y1, x0:x1].reshape(-1)
         T.append(tile.T[inside])
         W.append(tile.W[inside])
-        region.append(samples.cut(labels, tile.box)[inside])
-    return np.concatenate(T), np.concatenate(W), np.concatenate(region)
+        at.append(places[y0:y1, x0:x1].reshape(-1)[inside])
+    return np.concatenate(T), np.concatenate(W), np.concatenate(at)

@@ -14,7 +14,7 @@ from kinran import near
 from kinran.code import digest
 from kinran.files import InputError, atomic
 from kinran.fit import bounded, lambert, progress, samples, slope, takeda
-from kinran.fit.choice import add_lobes
+from kinran.fit.chosen import add_lobes
 from kinran.fit.fitted import fitted_labels
 from kinran.fit.lobes import DIFFUSE_SIZE, LOBE_SIZE, squared_widths
 from kinran.labels import read_labels, read_second
