@@ -3,7 +3,7 @@
 import argparse
 import importlib
 
-NAMES = ("chart", "fit", "merge", "real", "stability")
+NAMES = ("chart", "choice", "fit", "merge", "real", "stability")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

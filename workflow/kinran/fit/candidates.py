@@ -70,6 +70,10 @@ class Sampled:
         T, W = np.ascontiguousarray(self.T[:, :, use]), np.ascontiguousarray(self.W[:, use])
         return Sampled(T, W, self.lights[use], self.region, self.second, self.shown)
 
+    def of(self, at: Labels) -> "Sampled":
+        """Some of the texels."""
+        return Sampled(self.T[at], self.W[at], self.lights, self.region[at], self.second[at], self.shown)
+
     def usable(self) -> NDArray[np.bool_]:
         """Samples (texel, 3, light) that count."""
         return (self.W > 0)[:, None] & np.isfinite(self.T)

@@ -1,0 +1,122 @@
+"""What a byte has to gain: the lobes that are chosen at several costs, and what they lose under lights held out."""
+
+import argparse
+import contextlib
+import os
+import tempfile
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinran import __main__ as kinran
+from kinran import metrics
+from kinran.bench import real_sets
+from kinran.chart.trial import Trial, read, spread
+from kinran.files import InputError, write_json
+from kinran.fit import choice
+from kinran.fit.candidates import CANDIDATES, Candidate, Sampled, fit
+from kinran.labels import read_labels, read_second
+from kinran.stack import Stack
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+COSTS = (0.1, 0.2, 0.3, 0.5, 1.0)
+"""What a lobe has to gain, in dB."""
+LOBE_BYTES = 16
+COUNTS = (100, 50, 30)
+"""Lights that lie apart, of the fabric, beside all of them."""
+SETS = ("item3", "item11", "material1", "material7")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the benchmark."""
+    parser.add_argument("--results", type=Path, help="a fabric's results, such as those of `kinran demo`")
+    parser.add_argument("--data", type=Path, help="folder of the real sets")
+    parser.add_argument("--sets", nargs="+", default=SETS, help="which of them")
+    parser.add_argument("--out", type=Path, required=True, help="results (.json)")
+
+
+def main(args: argparse.Namespace) -> None:
+    """Measure, print a table, write JSON."""
+    found: list[dict[str, Any]] = []
+    if args.results:
+        whole = _trial(args.results / "radiance.zarr", args.results / "labels.exr")
+        counts = (len(whole.lights), *COUNTS)
+        for count in counts:
+            found.append(_row(args.results.name, whole.under(spread(whole.lights, count))))
+    for name in args.sets if args.data else ():
+        if name not in real_sets.sets():
+            raise InputError(f"--sets {name}: is none of {', '.join(real_sets.sets())}")
+        with tempfile.TemporaryDirectory() as folder:
+            stack, labels = Path(folder) / "radiance.zarr", Path(folder) / "labels.exr"
+            real_sets.sets()[name](args.data).write(stack)
+            rest = ["--regions", f"{folder}/regions.json", "--statistics", f"{folder}/statistics.exr"]
+            with Path(os.devnull).open("w") as nowhere, contextlib.redirect_stderr(nowhere):
+                kinran.main(["segment", str(labels), "--stack", str(stack), *rest])
+            found.append(_row(name, _trial(stack, labels)))
+    write_json(args.out, found)
+
+
+def _trial(stack: Path, labels: Path) -> Trial:
+    return read(Stack.open(stack), read_labels(labels), np.eye(3), read_second(labels))
+
+
+def _row(name: str, trial: Trial) -> dict[str, Any]:
+    row = {"name": name, "lights": len(trial.lights), **measure(trial)}
+    alone = ", ".join(f"{key} {value:.2f}" for key, value in row["alone"].items())
+    print(f"{name}, {row['lights']} lights; dB of each alone: {alone}")
+    for cost, at in row["costs"].items():
+        kinds = ", ".join(f"{count} × {kind}" for kind, count in Counter(at["chosen"]).items())
+        print(f"  {cost:>4s} dB a lobe: {kinds}; {at['bytes']:.1f} bytes, {at['lost']:.2f} dB lost", flush=True)
+    return row
+
+
+def measure(trial: Trial, threads: int = 1) -> dict[str, Any]:
+    """PSNR of each candidate alone on the lights held out; at each cost what is chosen, its bytes and dB lost.
+
+    What is lost is against the best of all of these.
+    """
+    present, region = np.unique(trial.region, return_inverse=True)
+    second = np.where(np.isin(trial.second, present), np.searchsorted(present, trial.second), region)
+    whole = Sampled(
+        trial.T, trial.W, trial.lights, region, second, lambda T: metrics.to_display(T, trial.coder, trial.peak)
+    )
+    inside = [np.flatnonzero(region == k) for k in range(len(present))]
+    some = [at[np.linspace(0, len(at) - 1, min(choice.SAMPLE, len(at))).astype(int)] for at in inside]
+    sample = whole.of(np.concatenate(some))
+    share = np.array([len(at) for at in inside]) / len(region)
+    judged = choice.judge(sample, threads)
+    said = {c.name: fit(c, whole, trial.held_out, sample.priors(c, threads), threads) for c in CANDIDATES}
+    alone = {name: _psnr(T, trial) for name, T in said.items()}
+    costs: dict[str, dict[str, Any]] = {}
+    for cost in COSTS:
+        kinds = choice.choose(judged, share, cost / LOBE_BYTES)[1]
+        costs[f"{cost:g}"] = {
+            "chosen": [kind.name for kind in kinds],
+            "bytes": float(share @ [kind.size for kind in kinds]),
+            "psnr": _psnr(_joined(said, kinds, region), trial),
+        }
+    best = max([*alone.values(), *(at["psnr"] for at in costs.values())])
+    for at in costs.values():
+        at["lost"] = best - at["psnr"]
+    return {"alone": alone, "costs": costs}
+
+
+def _joined(said: dict[str, Single], kinds: list[Candidate], region: NDArray[np.intp]) -> Single:
+    """Each region as its candidate says."""
+    names = np.array([kind.name for kind in kinds])[region]
+    result = np.empty_like(next(iter(said.values())))
+    for name in set(names.tolist()):
+        result[names == name] = said[name][names == name]
+    return result
+
+
+def _psnr(predicted: Single, trial: Trial) -> float:
+    """Mean over the lights held out, in dB, of displayed values."""
+    p, g, v = (np.moveaxis(a, -1, 0) for a in (predicted, trial.truth, trial.valid.astype(np.float32)))
+    shown = [metrics.to_display(a, trial.coder, trial.peak) for a in (p, g)]
+    return float(np.mean([metrics.psnr(*pair) for pair in zip(*shown, v, strict=True)]))
