@@ -3,7 +3,7 @@
 import argparse
 import importlib
 
-NAMES = ("chart", "choice", "fit", "merge", "real", "stability")
+NAMES = ("chart", "choice", "fit", "merge", "mixed", "real", "stability")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,0 +1,102 @@
+"""Texels that two threads share: their error under their region's prior alone, and with one of a lobe of each."""
+
+import argparse
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinran.chart import errors, lobes
+from kinran.chart.trial import Samples, Trial, read, spread
+from kinran.coarsen import coarse_labels
+from kinran.config import FEW_LIGHTS
+from kinran.exr import read_exr
+from kinran.files import InputError, write_json
+from kinran.fit.predict import predict
+from kinran.labels import MIXED
+from kinran.stack import Stack
+from kinran.virtual.weave import VirtualFabric
+
+Array = NDArray[np.float64]
+
+FACTORS = (1, 2)
+"""Texels along the side of one: coarser ones are mixed more often."""
+COUNTS = (100, 50, 30)
+"""Lights that lie apart, beside all of them."""
+PURITY = (0.0, 0.7, 0.9, 1.01)
+"""Bounds of classes of texels, by the share of what fills most of them."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the benchmark."""
+    parser.add_argument("--results", type=Path, required=True, help="results of `kinran demo`, config as it is")
+    parser.add_argument("--out", type=Path, required=True, help="results (.json)")
+
+
+def main(args: argparse.Namespace) -> None:
+    """Measure, print a table, write JSON."""
+    stack, channels = Stack.open(args.results / "radiance.zarr"), read_exr(args.results / "labels.exr")
+    share = shares(VirtualFabric())
+    if share.shape[:2] != (stack.height, stack.width):
+        raise InputError(f"{args.results}: is not of the virtual fabric of config.yaml; run `kinran demo` as it comes")
+    found: list[dict[str, Any]] = []
+    for factor in FACTORS:
+        known = coarse_labels(channels, factor)
+        second = np.where(known["membership"] < MIXED, known["second"], known["labels"])
+        whole = coarse(read(stack, channels["label"].astype(np.uint16), np.eye(3)), factor, known["labels"], second)
+        purity = average(share, factor).max(-1).reshape(-1)
+        for count in (len(whole.lights), *COUNTS):
+            own, shared = measure(whole.under(spread(whole.lights, count)), purity)
+            found.append({"factor": factor, "lights": count, "own": own, "shared": shared})
+            said = ", ".join(f"{name} {value:.4f} -> {shared[name]:.4f}" for name, value in own.items())
+            print(f"{factor} × {factor} texels, {count} lights: {said}", flush=True)
+    write_json(args.out, found)
+
+
+def measure(trial: Trial, purity: Array) -> list[dict[str, float]]:
+    """Relative error by class of purity (texel,) under the region's prior alone, and with one that is shared."""
+    tail, count = ("ggx", 1) if len(trial.lights) < FEW_LIGHTS else ("gaussian", 2)
+    result = []
+    for given in (replace(trial, second=trial.region), trial):
+        e, g = errors.squares(predict(lobes.fit(given, tail, count), trial.held_out, tail), trial)
+        row = {"all": errors.ratio_of(e, g)}
+        for low, high in pairwise(PURITY):
+            inside = (purity >= low) & (purity < high)
+            row[f"purity {low:g}-{min(high, 1):g}"] = errors.ratio_of(e[inside], g[inside])
+        result.append(row)
+    return result
+
+
+def shares(fabric: VirtualFabric) -> Array:
+    """Share (y, x, kind) of what fills most of each texel; the rest, whose kind is not known, is left out."""
+    label, purity = fabric.labels()
+    return np.eye(len(fabric.names))[label] * purity[..., None]
+
+
+def average(values: NDArray[Any], factor: int) -> NDArray[Any]:
+    """Means (y, x, …) of blocks of texels."""
+    height, width = values.shape[0] // factor, values.shape[1] // factor
+    blocks = values[: height * factor, : width * factor].reshape(height, factor, width, factor, *values.shape[2:])
+    return np.asarray(blocks.mean((1, 3)))
+
+
+def coarse(trial: Trial, factor: int, labels: NDArray[np.intp], second: NDArray[np.intp]) -> Trial:
+    """The trial as a wider lens would have taken it."""
+
+    def of(samples: Samples) -> Samples:
+        values = average(samples.reshape(*trial.shape, *samples.shape[1:]), factor)
+        return np.ascontiguousarray(values.reshape(-1, *samples.shape[1:]), np.float32)
+
+    return replace(
+        trial,
+        T=of(trial.T),
+        W=of(trial.W),
+        truth=of(trial.truth),
+        valid=of(trial.valid.astype(np.float32)) == 1,
+        region=labels.reshape(-1),
+        second=second.reshape(-1),
+        shape=labels.shape,
+    )
