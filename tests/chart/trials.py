@@ -25,6 +25,7 @@ def shiny_trial(seed: int = 0) -> Trial:
     return Trial(
         T=np.ascontiguousarray(T[:, :, ~held]),
         W=np.ones((texels, int((~held).sum())), np.float32),
+        bounds=np.zeros((texels, int((~held).sum())), np.float32),
         lights=lights[~held],
         truth=np.ascontiguousarray(T[:, :, held]),
         valid=np.ones((texels, 3, int(held.sum())), bool),

@@ -75,4 +75,4 @@ def pictures(T: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 
 def no_prior(path: Path, size: int = 7) -> None:
     """A prior that says nothing."""
-    write_json(path, [{"centre": [0.0] * size, "variance": 0.0, "main": 0}])
+    write_json(path, [{"centre": [0.0] * size, "variance": 0.0, "main": 0, "lone": None}])

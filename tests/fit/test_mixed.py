@@ -7,7 +7,7 @@ import pytest
 from cloth_on_disk import Cloth, directions, pictures
 
 from kinran.bench.texels import Split, microfacets, noisy, ones, relative, spread, texels
-from kinran.fit import slope
+from kinran.fit import learned, slope
 from kinran.fit.predict import predict
 from kinran.labels import read_labels, read_second, write_labels
 
@@ -41,7 +41,7 @@ def test_a_shared_texel_takes_the_prior_that_explains_it(split: Split, cloth: tu
     use = np.flatnonzero(~split.held)[spread(split.lights[~split.held], count)]
     T, lights = np.ascontiguousarray(noisy(clean)[:, :, use]), split.lights[use]
     pure = second == region
-    priors = slope.learn_priors(T[pure], ones(T[pure]), lights, region[pure], 2, tail, lobes)
+    priors = learned.learn_priors(T[pure], ones(T[pure]), lights, region[pure], 2, tail, lobes)
     own, shared = (slope.fit(T, ones(T), lights, tail, lobes, priors, region, second=s) for s in (None, second))
     np.testing.assert_array_equal(own.shapes[pure], shared.shapes[pure])
     error = [relative(predict(f, split.lights[split.held], tail), clean[..., split.held])[~pure] for f in (own, shared)]
@@ -67,7 +67,7 @@ def test_the_main_lobe_reflects_the_most() -> None:
         colours = np.ones((3, 3, 3))
         colours[:, 0] *= height
         fitted = slope.SlopeFit(shapes, colours, np.ones(3))
-        assert slope.region_priors(fitted, np.ones((3, 40), np.float32), np.zeros(3, int), 1)[0].main == main
+        assert learned.region_priors(fitted, np.ones((3, 40), np.float32), np.zeros(3, int), 1)[0].main == main
 
 
 def test_a_texel_is_mixed_where_the_second_has_over_a_fifth(tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """Cross-validation chooses a residual where shadows ask for one, and none where the lobes say it all."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,7 @@ from synthetic_texels import radiance, texels
 
 from kinran import frames
 from kinran.encoding import parse
-from kinran.fit import residual, samples, slope
+from kinran.fit import learned, residual, samples, slope
 
 
 class Set:
@@ -29,10 +28,8 @@ def choose(T: np.ndarray, lights: np.ndarray, folder: Path, monkeypatch: pytest.
     monkeypatch.setattr(samples, "training_directions", lambda stack: stack.lights)
     free = slope.fit(stack.sample.T, stack.sample.W, lights)
     region = np.zeros(len(T), np.intp)
-    priors = slope.region_priors(free, stack.sample.W, region, 1)
-    (folder / "prior.json").write_text(
-        json.dumps([{"centre": p.centre.tolist(), "variance": p.variance, "main": p.main} for p in priors])
-    )
+    priors = learned.region_priors(free, stack.sample.W, region, 1)
+    slope.write_priors(folder / "prior.json", priors)
     return residual.choose(stack, region.reshape(16, 16), folder / "prior.json", "srgb", ("ggx", 1), 1)  # type: ignore[arg-type]
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from synthetic_texels import grid, radiance, texels
 
-from kinran.fit import slope, takeda
+from kinran.fit import learned, slope, takeda
 
 
 def relative(fitted: np.ndarray, truth: np.ndarray) -> np.ndarray:
@@ -123,7 +123,7 @@ def test_few_lights_explode_without_a_prior_and_hold_with_it(lights: np.ndarray)
     T = np.ascontiguousarray(clean[..., use] * (1 + 0.02 * rng.normal(size=(200, 3, 24)))).astype(np.float32)
     free = slope.fit(T, ones(T), lights[use])
     region = np.zeros(len(T), np.intp)
-    held = slope.fit(T, ones(T), lights[use], priors=slope.region_priors(free, ones(T), region, 1), region=region)
+    held = slope.fit(T, ones(T), lights[use], priors=learned.region_priors(free, ones(T), region, 1), region=region)
     free_error, held_error = (relative(predict(r, lights), clean) for r in (free, held))
     assert (free_error > 1).sum() >= 1
     assert (held_error > 1).sum() == 0

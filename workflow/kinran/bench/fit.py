@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from kinran import frames
 from kinran.bench import fit_memory
 from kinran.files import write_json
-from kinran.fit import samples, slope, takeda
+from kinran.fit import learned, samples, slope, takeda
 from kinran.fit.predict import predict
 from kinran.virtual.weave import VirtualFabric
 from kinran_bsdf import models
@@ -302,7 +302,7 @@ def _few(scene: Truth, train: NDArray[np.intp], count: int) -> dict[str, Any]:
     W = np.ones((len(T), count), np.float32)
     region = (~scene.gold).astype(np.intp)
     some = np.arange(0, len(T), 4)
-    priors = slope.learn_priors(T[some], W[some], scene.lights[use], region[some], 2)
+    priors = learned.learn_priors(T[some], W[some], scene.lights[use], region[some], 2)
     row: dict[str, Any] = {"name": f"{count} lights"}
     for name, given in (("alone", None), ("prior", priors)):
         fitted = slope.fit(T, W, scene.lights[use], priors=given, region=region)

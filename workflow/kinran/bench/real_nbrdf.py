@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kinran import frames
 from kinran.baselines import basis, interpolation
 from kinran.files import InputError
-from kinran.fit import residual, slope, takeda
+from kinran.fit import learned, residual, slope, takeda
 from kinran.fit.plates import plates
 from kinran.fit.predict import predict
 from kinran_bsdf import models
@@ -135,7 +135,7 @@ def _material(net: Net, rng: np.random.Generator) -> dict[str, float]:
     region = np.zeros(TEXELS, np.intp)
 
     def lobes(tail: str, count: int, at: Array) -> Single:
-        priors = slope.learn_priors(T, W, known, region, 1, tail, count)
+        priors = learned.learn_priors(T, W, known, region, 1, tail, count)
         return predict(slope.fit(T, W, known, tail, count, priors, region), at, tail)
 
     harmonics = basis.fit(T, known, basis.harmonics(16), 1e-6)
@@ -165,7 +165,7 @@ def _with_residual(T: Single, W: Single, lights: Array, lobes: Single, known: ND
     known : (light,) bool
     """
     domain, region = f"log:{np.percentile(T, 99.9):.6g}", np.zeros(len(T), np.intp)
-    priors = slope.learn_priors(T, W, lights, region, 1, "gaussian", 2)
+    priors = learned.learn_priors(T, W, lights, region, 1, "gaussian", 2)
     choice = residual.cross_validate(T, W, lights, priors, region, domain, ("gaussian", 2))
     if not choice.components:
         return lobes[..., ~known]

@@ -26,7 +26,7 @@ from kinran.bench.texels import (
     texels,
 )
 from kinran.files import write_json
-from kinran.fit import reweighted, slope, takeda
+from kinran.fit import bounded, learned, reweighted, slope, takeda
 from kinran.fit.predict import predict
 from kinran_bsdf import models
 
@@ -36,6 +36,7 @@ TEXELS = 60
 FOUR, JOINT, PRINTED = "four steps", "Eq. 3, joint", "Eq. 3 as printed, joint"
 GGX, PAIR, HUBER, HELD = "GGX lobe", "two Gaussian lobes", "GGX lobe, Huber", "GGX lobe, prior of the region"
 FACE, LEFT_OUT_HELD = "at face value", "left out, prior of the region"
+BOUNDED = "bounds, prior of the region"
 NEEDLES, RESOLVED = f"{PAIR}, widths from 0.05", f"{PAIR}, widths that the lights resolve"
 DRIFT, MONITORS = "GGX lobe, drift left in", "GGX lobe, monitors"
 SHOTS = (4000, 1000, 250, 100, 25)
@@ -77,9 +78,13 @@ def saturation(split: Split) -> Iterator[Row]:
         clipped = (seen >= level).any(1)
         W = np.where(clipped, 0, 1).astype(np.float32)
         seen = np.minimum(seen, np.float32(level))
-        censor = _censored(clipped[:, ~split.held])
-        rows = [(FACE, lobes(), None), ("left out", lobes(), W), ("censored", censor, None)]
-        for name, method, weights in [*rows, (LEFT_OUT_HELD, _held_by_region, W)]:
+        full = clipped[:, ~split.held]
+        rows = [(FACE, lobes(), None), ("left out", lobes(), W), (LEFT_OUT_HELD, _held_by_region(), W)]
+        rows += [
+            (f"{BOUNDED}, {PAIR}", _held_by_region("gaussian", 2, full), W),
+            (BOUNDED, _held_by_region(full=full), W),
+        ]
+        for name, method, weights in rows:
             yield _row("saturation", f"{kept} exposures", name, split.error(method, clean, seen, weights))
 
 
@@ -120,7 +125,7 @@ def few_directions(split: Split) -> Iterator[Row]:
     alone = {JOINT: joint(), PAIR: lobes("gaussian", 2), GGX: lobes()}
     for count in (int((~split.held).sum()), 100, 50, 30, 16):
         few, order = _thinned(split, count)
-        for name, method in {**alone, HELD: _held_by_region}.items():
+        for name, method in {**alone, HELD: _held_by_region()}.items():
             error = few.error(method, clean[..., order], noisy(clean)[..., order])
             yield _row("few directions, 95th percentile", f"{count} lights", name, error, 95)
 
@@ -233,7 +238,7 @@ CASES = (
     (pole, JOINT, GGX),
     (azimuth_wrap, PRINTED, JOINT),
     (narrow, FOUR, GGX),
-    (saturation, FACE, LEFT_OUT_HELD),
+    (saturation, FACE, BOUNDED),
     (noise, FOUR, GGX),
     (outliers, GGX, HUBER),
     (needles, NEEDLES, RESOLVED),
@@ -318,18 +323,19 @@ def _thinned(split: Split, count: int) -> tuple[Split, NDArray[np.intp]]:
     return Split(split.lights[order], np.arange(len(order)) >= count), order
 
 
-def _held_by_region(T: Samples, W: Samples, lights: Array, at: Array) -> Samples:
-    region = np.zeros(len(T), np.intp)
-    priors = slope.learn_priors(T[::2], W[::2], lights, region[::2], 1)
-    return predict(slope.fit(T, W, lights, priors=priors, region=region), at)
+def _held_by_region(tail: str = "ggx", count: int = 1, full: NDArray[np.bool_] | None = None) -> Method:
+    """As the pipeline fits: under priors learned from half of the texels, and with saturated samples as bounds."""
+
+    def method(T: Samples, W: Samples, lights: Array, at: Array) -> Samples:
+        region = np.zeros(len(T), np.intp)
+        kind = tail, count, learned.learn_priors(T[::2], W[::2], lights, region[::2], 1, tail, count), region
+        fitted = slope.fit(T, W, lights, *kind)
+        if full is not None:
+            fitted = bounded.refit(fitted, T, W, full.astype(np.float32), lights, *kind, 1, frames.slopes(lights))
+        return predict(fitted, at, tail)
+
+    return method
 
 
 def _huber(T: Samples, W: Samples, lights: Array, at: Array) -> Samples:
     return predict(reweighted.robust(T, W, lights), at)
-
-
-def _censored(saturated: NDArray[np.bool_]) -> Method:
-    def method(T: Samples, W: Samples, lights: Array, at: Array) -> Samples:
-        return predict(reweighted.censored(T, W, saturated, lights), at)
-
-    return method

@@ -3,8 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from kinran import frames
 from kinran.chart.trial import Trial
-from kinran.fit import slope
+from kinran.fit import bounded, learned, slope
 
 PRIOR_SAMPLE = 512
 """Texels of a region that its prior is made of."""
@@ -15,8 +16,8 @@ def priors(trial: Trial, tail: str, lobes: int, bent: bool = True) -> tuple[list
     present, region = np.unique(trial.region, return_inverse=True)
     some = _sample(region)
     T, W = trial.T[some], trial.W[some]
-    learned = slope.learn_priors(T, W, trial.lights, region[some], len(present), tail=tail, lobes=lobes, bent=bent)
-    return learned, region
+    found = learned.learn_priors(T, W, trial.lights, region[some], len(present), tail=tail, lobes=lobes, bent=bent)
+    return found, region
 
 
 def fit(trial: Trial, tail: str, lobes: int, with_prior: bool = True) -> slope.SlopeFit:
@@ -26,7 +27,10 @@ def fit(trial: Trial, tail: str, lobes: int, with_prior: bool = True) -> slope.S
     known, region = priors(trial, tail, lobes)
     present = np.unique(trial.region)
     second = np.where(np.isin(trial.second, present), np.searchsorted(present, trial.second), region)
-    return slope.fit(trial.T, trial.W, trial.lights, tail, lobes, known, region, second=second)
+    kind = tail, lobes, known, region
+    fitted = slope.fit(trial.T, trial.W, trial.lights, *kind, second=second)
+    half = frames.slopes(trial.lights)
+    return bounded.refit(fitted, trial.T, trial.W, trial.bounds, trial.lights, *kind, 1, half, second)
 
 
 def numbers(fitted: slope.SlopeFit) -> int:

@@ -31,6 +31,8 @@ class Trial:
         Under the training and the held-out lights, linear, in the stack's unit.
     W : (texel, light) float32
         Weights of the training samples, 0 for those not to be used.
+    bounds : (texel, light) float32
+        Weights of saturated samples, as the lower bounds that they are; 0 elsewhere.
     valid : (texel, 3, light) bool
         Held-out samples that can be judged by.
     lights, held_out : (light, 3)
@@ -52,6 +54,7 @@ class Trial:
 
     T: Samples
     W: Samples
+    bounds: Samples
     lights: Array
     truth: Samples
     valid: NDArray[np.bool_]
@@ -82,20 +85,21 @@ class Trial:
     def under(self, use: NDArray[np.intp]) -> "Trial":
         """The trial with these of the training lights alone."""
         grid = None if self.grid is None else self.grid[use]
-        T, W = np.ascontiguousarray(self.T[:, :, use]), np.ascontiguousarray(self.W[:, use])
-        return replace(self, T=T, W=W, lights=self.lights[use], grid=grid)
+        T, W, bounds = (np.ascontiguousarray(part[..., use]) for part in (self.T, self.W, self.bounds))
+        return replace(self, T=T, W=W, bounds=bounds, lights=self.lights[use], grid=grid)
 
     def thinned(self, most: int) -> "Trial":
         """The trial with at most so many texels, evenly through the map; `shape` no longer holds."""
         use = np.linspace(0, self.texels - 1, min(most, self.texels)).astype(np.intp)
-        names = ("T", "W", "truth", "valid", "region", "second")
+        names = ("T", "W", "bounds", "truth", "valid", "region", "second")
         return replace(self, **{name: getattr(self, name)[use] for name in names})
 
     def with_exposures(self, kept: int) -> "Trial":
         """The trial as if only the `kept` longest exposures had been taken: what is brighter is clipped."""
         clip = self.clips[kept - 1].astype(np.float32)[:, None]
         full = (clip <= self.T).any(1)
-        return replace(self, T=np.minimum(self.T, clip), W=np.where(full, 0, self.W).astype(np.float32))
+        W, bounds = np.where(full, 0, self.W), np.where(full & (self.W > 0), 1, self.bounds)
+        return replace(self, T=np.minimum(self.T, clip), W=W.astype(np.float32), bounds=bounds.astype(np.float32))
 
 
 def spread(lights: Array, count: int) -> NDArray[np.intp]:
@@ -137,6 +141,7 @@ def read(stack: Stack, labels: LabelMap, to_rec709: Array, second: LabelMap | No
     return Trial(
         T=T,
         W=_weights(T, _texels(flags[~held]), coder),
+        bounds=_bounds(T, _texels(flags[~held]), coder),
         lights=directions[~held],
         truth=truth,
         valid=valid,
@@ -170,6 +175,13 @@ def _weights(T: Samples, flags: NDArray[np.uint8], coder: encoding.Encoding | No
         W[(bits & SATURATED) > 0] = 0
     W[(bits & (HOT | SHIFTED)) > 0] = 0
     return W
+
+
+def _bounds(T: Samples, flags: NDArray[np.uint8], coder: encoding.Encoding | None) -> Samples:
+    """Weights of saturated samples as the fit's samples have them."""
+    bits = np.bitwise_or.reduce(flags, axis=1)
+    weight = coder.weight(T.mean(1)) if coder else np.float32(1)
+    return np.where((bits & SATURATED > 0) & (bits & (HOT | SHIFTED) == 0), weight, 0).astype(np.float32)
 
 
 def _clips(stack: Stack) -> tuple[Array, ...]:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran import encoding, metrics
-from kinran.fit import lambert, slope
+from kinran.fit import lambert, learned, slope
 from kinran.fit.predict import predict
 from kinran.stack import Stack
 
@@ -84,7 +84,7 @@ class Sampled:
             return None
         count = int(self.region.max()) + 1
         kind = candidate.tail, candidate.lobes, threads
-        return slope.learn_priors(self.T, self.W, self.lights, self.region, count, *kind)
+        return learned.learn_priors(self.T, self.W, self.lights, self.region, count, *kind)
 
 
 def fitted(candidate: Candidate, sample: Sampled, others: Array, threads: int) -> Single:

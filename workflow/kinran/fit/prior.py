@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from kinran.files import write_json
-from kinran.fit import samples, slope
+from kinran.fit import learned, samples, slope
 from kinran.fit.chosen import add_lobes, take_choice
 from kinran.fit.sampled import of_regions
 from kinran.labels import read_labels, read_regions
@@ -35,5 +34,5 @@ def main(args: argparse.Namespace) -> None:
     T, W, at = of_regions(stack, labels, count, SAMPLE)
     region = labels.reshape(-1)[at].astype(np.intp)
     lights = samples.training_directions(stack)
-    priors = slope.learn_priors(T, W, lights, region, count, args.tail, args.lobes, args.threads)
-    write_json(args.out, [{"centre": p.centre.tolist(), "variance": p.variance, "main": p.main} for p in priors])
+    priors = learned.learn_priors(T, W, lights, region, count, args.tail, args.lobes, args.threads)
+    slope.write_priors(args.out, priors)

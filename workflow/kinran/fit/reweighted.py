@@ -22,34 +22,7 @@ Samples = NDArray[np.float32]
 Fit = Callable[..., SlopeFit]
 
 ROUNDS = 6
-CENSORED_SHARE = 0.03
 HUBER_FLOOR, HUBER_SHARE = 0.02, 0.05
-
-
-def censored(
-    T: Samples, W: Samples, saturated: NDArray[np.bool_], lights: Array, tail: str = "ggx", fit: Fit = slope.fit
-) -> SlopeFit:
-    """Fit with saturated samples as lower bounds: what the model says above them is taken for the sample.
-
-    Texels of which more than 3 % are saturated, leave these out.
-
-    Parameters
-    ----------
-    T, W, lights, tail
-        As of `kinran.fit.slope.fit`.
-    saturated : (texel, light) bool
-        Samples that are only known to be as large as this.
-    fit
-        Called as ``fit(T, W, lights, tail)`` and, the later times, with the shapes to start from as ``start``.
-    """
-    share = (saturated & (W > 0)).sum(1) / np.maximum((W > 0).sum(1), 1)
-    bounds = saturated & (share <= CENSORED_SHARE)[:, None]
-    weights = np.where(saturated & ~bounds, 0, W).astype(np.float32)
-    fitted = fit(T, np.where(saturated, 0, W).astype(np.float32), lights, tail)
-    for _ in range(ROUNDS):
-        filled = np.where(bounds[:, None], np.maximum(T, predict(fitted, lights, tail)), T)
-        fitted = fit(filled, weights, lights, tail, start=fitted.shapes)
-    return fitted
 
 
 def robust(T: Samples, W: Samples, lights: Array, tail: str = "ggx", fit: Fit = slope.fit) -> SlopeFit:

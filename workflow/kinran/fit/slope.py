@@ -4,13 +4,14 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from kinran import frames
-from kinran.files import read_json
+from kinran.files import read_json, write_json
 from kinran.fit import fused
 from kinran.fit.lobes import DIFFUSE_SIZE, LOBE_SIZE, TAILS, squared_widths
 from kinran.fit.rows import LANES
@@ -31,11 +32,6 @@ NEEDLE = {1: 0.5, 2: 0.6}
 """Share of the distance of two lights below which a lobe is a needle between them."""
 PRIOR_SD = (0.3, 0.3, 0.06, 0.3, 0.06)
 DIFFUSE_SD = 0.3
-HOLD = 10.0
-"""Variance, over the mean square of the samples, whose prior holds the shapes at their region's."""
-TRUSTED = 12.0
-POOLED = 0.6
-"""Share of the resolution of one texel that a region resolves: its facets are turned to see between the lights."""
 FEW = 150
 """With fewer lights a lobe may stand between them: a second start is tried, at the brightest sample; and priors have
 a say: a second one is tried at texels that two regions share."""
@@ -83,11 +79,14 @@ class Prior:
         Mean weighted squared residual of a sample about lobes of this shape.
     main
         Which lobe reflects the most: amplitude times area, of the median texel.
+    lone
+        Beside two Gaussian lobes: the region's prior on one of GGX, for texels whose peaks are lost.
     """
 
     centre: Array
     variance: float
     main: int = 0
+    lone: "Prior | None" = None
 
     @property
     def lobes(self) -> int:
@@ -114,10 +113,14 @@ class Prior:
         return replace(self, centre=np.concatenate([*lobes, normal]))
 
 
+def write_priors(path: Path, priors: list[Prior]) -> None:
+    """Write the priors of the regions as JSON."""
+    write_json(path, [_row(prior) for prior in priors])
+
+
 def read_priors(path: Path) -> list[Prior]:
     """Priors of the regions, as the stage `prior` writes them."""
-    rows = read_json(path)
-    return [Prior(np.array(row["centre"], float), float(row["variance"]), int(row["main"])) for row in rows]
+    return [_prior(row) for row in read_json(path)]
 
 
 def resolution(lights: Array, lobes: int = 1) -> float:
@@ -223,50 +226,6 @@ def fit(
     )
 
 
-def region_priors(fitted: SlopeFit, W: Samples, region: NDArray[np.intp], regions: int) -> list[Prior]:
-    """Priors of regions from free fits of a sample of their texels: medians of shape, means of residual.
-
-    The texels with the fewest samples left out, such as saturated ones, speak for their region.
-    """
-    priors = []
-    usable = (W > 0).sum(1)
-    numbers = fitted.shapes.shape[1] + 3 * fitted.colours.shape[1]
-    for k in range(regions):
-        inside = np.flatnonzero(region == k)
-        telling = inside[usable[inside] >= np.median(usable[inside])] if len(inside) else np.arange(len(region))
-        freedom = np.maximum(3.0 * usable[telling] - numbers, 1.0)
-        variance = float(np.mean(fitted.cost[telling] / freedom))
-        main = int(np.median(_reflected(fitted, telling), 0).argmax())
-        priors.append(Prior(np.median(fitted.shapes[telling], 0), max(variance, 1e-12), main))
-    return priors
-
-
-def learn_priors(
-    T: Samples,
-    W: Samples,
-    lights: Array,
-    region: NDArray[np.intp],
-    regions: int,
-    tail: str = "ggx",
-    lobes: int = 1,
-    threads: int = 1,
-    bent: bool = True,
-) -> list[Prior]:
-    """Priors of regions from a sample of their texels; parameters as in `fit`.
-
-    Centres come from free fits, variances from fits that are held at these centres: a free fit to few samples
-    leaves too little of them. Where shapes differ within the region, held fits leave too much; `TRUSTED` times what
-    free fits leave is the most.
-    """
-    finer = POOLED * resolution(lights, lobes)
-    free = fit(T, W, lights, tail, lobes, threads=threads, bent=bent, narrow=finer)
-    loose = region_priors(free, W, region, regions)
-    hold = HOLD * float(np.mean(np.square(T, where=W[:, None] > 0, out=np.zeros_like(T)), dtype=float))
-    given = [replace(p, variance=hold) for p in loose]
-    tight = region_priors(fit(T, W, lights, tail, lobes, given, region, threads, bent), W, region, regions)
-    return [replace(p, variance=min(held.variance, TRUSTED * p.variance)) for p, held in zip(loose, tight, strict=True)]
-
-
 @dataclass(frozen=True)
 class _Solver:
     """What is solved for."""
@@ -315,10 +274,16 @@ class _Lights:
         return cls(rows[:2], rows[2:5], rows[5])
 
 
-def _reflected(fitted: SlopeFit, at: NDArray[np.intp]) -> Array:
-    """Amplitude times area of each lobe (texel, lobe) of some texels."""
-    lobes = [fitted.shapes[at, LOBE_SIZE * k : LOBE_SIZE * (k + 1)] for k in range(fitted.colours.shape[1] - 1)]
-    return fitted.colours[at, :-1].sum(2) * np.stack([np.exp(-p[:, 2] - p[:, 4]) for p in lobes], 1)
+def _row(prior: Prior) -> dict[str, Any]:
+    """What a file says of a prior."""
+    lone = None if prior.lone is None else _row(prior.lone)
+    return {"centre": prior.centre.tolist(), "variance": prior.variance, "main": prior.main, "lone": lone}
+
+
+def _prior(row: dict[str, Any]) -> Prior:
+    """A prior of a file."""
+    lone = None if row["lone"] is None else _prior(row["lone"])
+    return Prior(np.array(row["centre"], float), float(row["variance"]), int(row["main"]), lone)
 
 
 def _narrowest(lobe: Array) -> float:

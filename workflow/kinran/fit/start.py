@@ -15,7 +15,9 @@ f4 = np.float32
 THRESHOLD = f4(0.4)
 """Share of the level under which a sample is not of the highlight: a quarter of the peak."""
 NARROWER, WIDER = math.sqrt(2.0), math.sqrt(0.384)
-"""Factors of the widths' inverses that make two Gaussians, 0.76 and 0.21 high, of a GGX lobe (to 3 %)."""
+"""Factors of the widths' inverses that make two Gaussians of a GGX lobe (to 3 %)."""
+HEIGHTS = 0.76, 0.21
+"""Of these Gaussians."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)

@@ -22,8 +22,6 @@ from kinran.stack import Stack
 
 LEAST_SAMPLES = 4
 """Texels with fewer usable samples, such as those on a defect of the sensor, have no fit of their own."""
-MOST_SATURATED = {"gaussian": 0.03, "ggx": 0.0}
-"""Share of saturated samples up to which they are bounds for the fit of a RAW set; with more they are left out."""
 MODELS = ("takeda2008", "slope", "lambert")
 SHAPES = {
     "takeda2008": ("theta", "phi", "dt", "dp"),
@@ -150,8 +148,7 @@ def _fit_cell(
     kind = args.tail, args.lobes, priors, region, args.threads
     result = slope.fit(T, W, cell.lights, *kind, slopes=cell.slopes, second=second)
     if tile.bounds is not None:
-        most = 1.0 if stack.encoding else MOST_SATURATED[args.tail]
-        result = bounded.refit(result, T, W, tile.bounds, most, cell.lights, *kind, cell.slopes, second)
+        result = bounded.refit(result, T, W, tile.bounds, cell.lights, *kind, cell.slopes, second)
     lobes = [result.shapes[:, LOBE_SIZE * k : LOBE_SIZE * (k + 1)] for k in range(args.lobes)]
     shapes = [np.stack([p[:, 0], p[:, 1], *squared_widths(p)], 1) for p in lobes]
     channels = _channels(SHAPES[model], np.concatenate(shapes, 1), result.colours)

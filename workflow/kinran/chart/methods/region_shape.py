@@ -7,7 +7,7 @@ import numpy as np
 from kinran.chart import lobes
 from kinran.chart.method import Array, Fitted, Method
 from kinran.chart.trial import Trial
-from kinran.fit import slope
+from kinran.fit import learned, slope
 from kinran.fit.predict import predict
 
 TAIL = "ggx"
@@ -29,15 +29,15 @@ class _Shared(slope.Prior):
 
 
 def _region_shape(trial: Trial) -> Fitted:
-    learned, region = lobes.priors(trial, TAIL, 1, bent=False)
-    energy = slope.HOLD * float(np.mean(trial.T.astype(float) ** 2))
-    shared: list[slope.Prior] = [_Shared(prior.centre, energy) for prior in learned]
+    known, region = lobes.priors(trial, TAIL, 1, bent=False)
+    energy = learned.HOLD * float(np.mean(trial.T.astype(float) ** 2))
+    shared: list[slope.Prior] = [_Shared(prior.centre, energy) for prior in known]
     found = slope.fit(trial.T, trial.W, trial.lights, TAIL, 1, shared, region, bent=False)
     shapes = found.shapes.copy()
-    shapes[:, WIDTHS] = np.stack([prior.centre[WIDTHS] for prior in learned])[region]
+    shapes[:, WIDTHS] = np.stack([prior.centre[WIDTHS] for prior in known])[region]
     # the colours anew, for widths that are exactly the region's
     fitted = slope.fit(trial.T, trial.W, trial.lights, TAIL, 1, shared, region, bent=False, iterations=0, start=shapes)
-    return Fitted(lambda lights: predict(fitted, lights, TAIL), NUMBERS, 3 * len(learned))
+    return Fitted(lambda lights: predict(fitted, lights, TAIL), NUMBERS, 3 * len(known))
 
 
 METHODS = (Method("region's shape", "kinran", _region_shape, 8, True),)
