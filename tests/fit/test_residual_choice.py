@@ -8,7 +8,7 @@ from synthetic_texels import radiance, texels
 
 from kinran import frames
 from kinran.encoding import parse
-from kinran.fit import learned, residual, samples, slope
+from kinran.fit import folds, learned, residual, samples, slope
 
 
 class Set:
@@ -84,17 +84,17 @@ def test_encodings_of_photographs_are_domains_of_the_residual() -> None:
 def test_neighbouring_lights_are_left_out_in_turn() -> None:
     """What is left out lies between what is not: hardly any light is outside of the others' hull, as at random."""
     lights = lights_of_a_dome()
-    fold = residual.deal(lights, 8)
+    fold = folds.deal(lights, 8)
     assert sorted(np.bincount(fold)) == [7, 7, 7, 7, 8, 8, 8, 8]
     nearest = np.argsort(np.linalg.norm(lights[:, None] - lights, axis=-1), axis=1)[:, 1]
     assert (fold != fold[nearest]).mean() > 0.9
-    inside = [residual.surrounded(lights[fold == k], lights[fold != k]).mean() for k in range(8)]
+    inside = [folds.surrounded(lights[fold == k], lights[fold != k]).mean() for k in range(8)]
     assert min(inside) > 0.5
 
 
 def test_lights_on_a_line_have_no_inside() -> None:
     line = frames.direction(np.linspace(0.1, 1.2, 9), np.zeros(9))
-    assert not residual.surrounded(line[::2], line[1::2]).any()
+    assert not folds.surrounded(line[::2], line[1::2]).any()
 
 
 def test_few_lights_take_the_lobes_unless_something_is_surely_better() -> None:

@@ -23,6 +23,7 @@ from kinran.bench.stability import (
     PAIR,
     PRINTED,
     RESOLVED,
+    WEIGHED,
 )
 from kinran.bench.texels import Split, facets, noisy, ones, radiance, relative, texels
 from kinran.files import read_json
@@ -110,6 +111,14 @@ def test_few_directions(table: Callable) -> None:
         assert errors[lights, JOINT] > 2
         assert errors[lights, HELD] < bound
     assert errors["30 lights", HELD] < errors["30 lights", GGX]
+
+
+def test_two_fabrics_in_a_region(table: Callable) -> None:
+    """The prior has one shape for both; lights left out say how much of it to believe."""
+    errors = table(stability.two_fabrics)
+    assert errors["0.3 of it sharp", HELD] > 0.4
+    assert errors["0.3 of it sharp", WEIGHED] < 0.1
+    assert errors["0 of it sharp", WEIGHED] < 1.1 * errors["0 of it sharp", HELD]
 
 
 def test_diffuse_colour_opposite_to_the_lobe(table: Callable) -> None:

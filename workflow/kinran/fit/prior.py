@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from kinran.fit import learned, samples, slope
+from kinran.fit import learned, samples, slope, strength
 from kinran.fit.chosen import add_lobes, take_choice
 from kinran.fit.sampled import of_regions
 from kinran.labels import read_labels, read_regions
@@ -34,5 +34,6 @@ def main(args: argparse.Namespace) -> None:
     T, W, at = of_regions(stack, labels, count, SAMPLE)
     region = labels.reshape(-1)[at].astype(np.intp)
     lights = samples.training_directions(stack)
-    priors = learned.learn_priors(T, W, lights, region, count, args.tail, args.lobes, args.threads)
-    slope.write_priors(args.out, priors)
+    kind = args.tail, args.lobes, args.threads
+    priors = learned.learn_priors(T, W, lights, region, count, *kind)
+    slope.write_priors(args.out, strength.weigh(priors, T, W, lights, region, *kind))

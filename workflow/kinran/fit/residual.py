@@ -10,14 +10,13 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay, QhullError
 
 from kinran import metrics, prediction
 from kinran.files import read_json, write_json
 from kinran.fit import samples, slope
+from kinran.fit.folds import deal, surrounded
 from kinran.fit.plates import plates
 from kinran.fit.predict import predict
-from kinran.frames import slopes
 from kinran.labels import LabelMap, read_labels
 from kinran.stack import Stack
 from kinran_bsdf.material import Material, read_material, write_material
@@ -190,29 +189,6 @@ def pick(scores: dict[Key, Array]) -> Choice:
     if means[chosen] < means[ALONE] + LEAST_GAIN_DB or not better(chosen, ALONE):
         chosen = ALONE
     return Choice(*chosen, psnr=means[chosen], lobes_psnr=means[ALONE])
-
-
-def deal(lights: Array, folds: int) -> NDArray[np.intp]:
-    """Fold of each light: neighbours go to different ones, so that what is left out lies between what is not."""
-    s = slopes(lights)
-    left = np.arange(len(s))
-    fold, rim = np.zeros(len(s), np.intp), np.linalg.norm(s - s.mean(0), axis=1)
-    turn = 0
-    while len(left):
-        first = left[rim[left].argmax()]
-        near = left[np.argsort(np.linalg.norm(s[left] - s[first], axis=1), kind="stable")[:folds]]
-        fold[near] = (np.arange(len(near)) + turn) % folds
-        left = np.setdiff1d(left, near)
-        turn += 1
-    return fold
-
-
-def surrounded(these: Array, others: Array) -> NDArray[np.bool_]:
-    """Whether each of these lights (m, 3) is inside the hull of the others, in (l_x, l_y)."""
-    try:
-        return np.asarray(Delaunay(others[:, :2]).find_simplex(these[:, :2]) >= 0)
-    except (QhullError, ValueError):  # fewer than three lights, or all on a line
-        return np.zeros(len(these), bool)
 
 
 def _sample(stack: Stack, labels: LabelMap) -> tuple[Values, Values, NDArray[np.intp]]:

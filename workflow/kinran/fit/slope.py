@@ -24,8 +24,8 @@ TOLERANCE = 1e-4
 BLOCK = 256
 """Texels of a job of a thread."""
 MAX_WIDTH = 2.0
-NARROWEST = {1: 0.02, 2: 0.05}
-"""Smallest width allowed by the number of lobes: two find needles between lights that one does not."""
+NARROWEST = 0.02
+"""Smallest width allowed."""
 SCOUTS = 2
 """Iterations, at most, of the lone GGX lobe that two lobes start from."""
 NEEDLE = {1: 0.5, 2: 0.6}
@@ -127,13 +127,13 @@ def resolution(lights: Array, lobes: int = 1) -> float:
     """Smallest lobe width (1/e, in slopes) that light directions (n, 3) can tell from a needle between two.
 
     It is half of the median distance to the nearest other light in slope space, more for two lobes, and at least
-    0.02 or 0.05.
+    `NARROWEST`.
     """
     s = frames.slopes(lights)
     if len(s) < 2:
         return MAX_WIDTH / 2
     nearest = cKDTree(s).query(s, 2)[0][:, 1]
-    return float(np.clip(NEEDLE[lobes] * np.median(nearest), NARROWEST[lobes], MAX_WIDTH / 2))
+    return float(np.clip(NEEDLE[lobes] * np.median(nearest), NARROWEST, MAX_WIDTH / 2))
 
 
 def fit(
@@ -187,7 +187,7 @@ def fit(
     count = len(T)
     assert T.shape == (count, 3, len(lights))
     grid = _Lights.of(lights, slopes)
-    least = resolution(lights, lobes) if narrow is None else max(narrow, NARROWEST[lobes])
+    least = resolution(lights, lobes) if narrow is None else max(narrow, NARROWEST)
     size = LOBE_SIZE * lobes + DIFFUSE_SIZE
     given = _Given(np.full(count, least), np.zeros((count, size)), np.zeros((count, size)))
     shared, of_shared = np.zeros(0, np.intp), given
@@ -246,7 +246,7 @@ class _Given:
     @classmethod
     def of(cls, priors: list[Prior], region: NDArray[np.intp], resolved: float, lobes: int) -> "_Given":
         """What the priors say, and the lights where these do not."""
-        narrow = np.array([max(p.narrow(resolved), NARROWEST[lobes]) for p in priors])
+        narrow = np.array([max(p.narrow(resolved), NARROWEST) for p in priors])
         centre, stiffness = np.stack([p.centre for p in priors]), np.stack([p.stiffness() for p in priors])
         return cls(narrow[region], centre[region], stiffness[region])
 
