@@ -6,10 +6,6 @@ weighted by the roots of the samples' weights, and R Rᵀ, in blocks of 4 × 4 t
 gradient and projected normal matrix at once. The residual, not the data, stands in R, so that the cost does not
 come from a difference of large numbers. The small systems are solved in double precision.
 
-A Gaussian lobe between lights is seen by nothing but its flanks: the fit could make it as bright as it likes. A
-prior on its amplitudes, worth `UNSEEN` samples in which its peak is dark, says that it is no brighter than it has
-to be. The tail of a GGX lobe reaches the lights around it, and tells.
-
 A lone lobe over an untilted diffuse term is fitted to one channel: the data along the colour of its highlight.
 With that colour its optimum is that of the three channels.
 """
@@ -21,7 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from kinran.fit.linear import RIDGE, cholesky_solve, invert, nonnegative, nonnegative2
-from kinran.fit.lobes import DIFFUSE_SIZE, GAUSSIAN, GGX, LOBE_SIZE, confine
+from kinran.fit.lobes import DIFFUSE_SIZE, GGX, LOBE_SIZE, confine
 from kinran.fit.rows import along, diffuse_rows, gram, lobe_products, lobe_rows, remainder, take
 from kinran.fit.start import highlight, pair
 
@@ -31,8 +27,6 @@ f4 = np.float32
 
 DAMPING_START, DAMPING_DOWN, DAMPING_UP = 5e-2, 0.5, 4.0
 TRIES = 6
-UNSEEN = 1e-3
-"""Samples, of weight 1, that say that the peak of a Gaussian lobe is dark."""
 SINGULAR = 1e-9
 """Share of the product of its diagonal under which the determinant of a matrix is noise."""
 
@@ -73,17 +67,8 @@ def evaluate(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def unseen(tail: int) -> float:
-    """Weight of the prior on amplitudes."""
-    return UNSEEN if tail == GAUSSIAN else 0.0
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def colours(lobes: int, bent: bool, dark: float, M: Array, C: Array, out: Array, work: Array) -> float:
-    """Best colours `out` for the shapes of M, whose residual is that of C; returns the cost without the prior.
-
-    `dark` is the weight of the prior on amplitudes.
-    """
+def colours(lobes: int, bent: bool, M: Array, C: Array, out: Array, work: Array) -> float:
+    """Best colours `out` for the shapes of M, whose residual is that of C; returns the cost."""
     shapes, columns, channels, first_rest, _ = layout(lobes, bent)
     A, inverse, b, x, scratch = work[:3], work[3:6], work[6], work[7], work[8:]
     largest = 1.0
@@ -91,8 +76,6 @@ def colours(lobes: int, bent: bool, dark: float, M: Array, C: Array, out: Array,
         for k in range(a + 1):
             A[a, k] = A[k, a] = M[shapes + a, shapes + k]
         largest *= A[a, a]
-    for a in range(lobes):
-        A[a, a] += dark
     clear = False
     if columns == 3:
         clear = invert(A, columns, inverse) > SINGULAR * largest
@@ -103,8 +86,6 @@ def colours(lobes: int, bent: bool, dark: float, M: Array, C: Array, out: Array,
             b[a] = M[rest, shapes + a]
             for k in range(columns):
                 b[a] += A[a, k] * C[k, c]
-            if a < lobes:
-                b[a] -= dark * C[a, c]
         if columns == 2:
             nonnegative2(A, b, x)
         else:
@@ -121,14 +102,12 @@ def colours(lobes: int, bent: bool, dark: float, M: Array, C: Array, out: Array,
             cost -= 2.0 * step * M[rest, shapes + a]
             for k in range(columns):
                 cost += step * A[a, k] * (x[k] - C[k, c])
-            if a < lobes:
-                cost -= dark * step * step
     return max(cost, 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def normal_equations(
-    lobes: int, bent: bool, dark: float, M: Array, before: Array, C: Array, H: Array, g: Array, work: Array
+    lobes: int, bent: bool, M: Array, before: Array, C: Array, H: Array, g: Array, work: Array
 ) -> None:
     """Kaufman's projected normal matrix and gradient for colours C; the residual in M is that of `before`."""
     shapes, columns, channels, first_rest, _ = layout(lobes, bent)
@@ -143,7 +122,7 @@ def normal_equations(
     for a in range(columns):
         for k in range(a):
             A[a, k] = A[k, a] = M[first_value + a, first_value + k] * x[a] * x[k]
-        A[a, a] = M[first_value + a, first_value + a] * (1.0 + RIDGE) + (dark if a < lobes else 0.0) + 1e-14
+        A[a, a] = M[first_value + a, first_value + a] * (1.0 + RIDGE) + 1e-14
     invert(A, columns, inverse)
     for k in range(shapes):
         for a in range(columns):
@@ -170,14 +149,10 @@ def normal_equations(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def penalty(p: Array, centre: Array, stiffness: Array, dark: float, C: Array, lobes: int, channels: int) -> float:
-    """Cost of the priors on shapes and amplitudes."""
+def penalty(p: Array, centre: Array, stiffness: Array) -> float:
     total = 0.0
     for k in range(stiffness.size):
         total += stiffness[k] * (p[k] - centre[k]) ** 2
-    for k in range(lobes):
-        for c in range(channels):
-            total += dark * C[k, c] * C[k, c]
     return total
 
 
@@ -204,8 +179,7 @@ def descend(
     small: Array,
 ) -> float:
     """Levenberg-Marquardt from the shapes p (in place); colours into C, the cost without the prior returned."""
-    shapes, _, channels, _, _ = layout(lobes, bent)
-    dark = unseen(tail)
+    shapes = layout(lobes, bent)[0]
     M, M_new = big[0], big[1]
     H, damped, F = big[2], big[3], big[4]
     g, step, trial = small[0], small[1], small[2, : p.size]
@@ -214,11 +188,11 @@ def descend(
     before[:] = 0.0
     confine(p, lobes, narrow, wide)
     evaluate(tail, lobes, bent, p, before, S, L, root, Y, scale, R, M)
-    data = colours(lobes, bent, dark, M, before, C, work)
-    cost = data + penalty(p, centre, stiffness, dark, C, lobes, channels)
+    data = colours(lobes, bent, M, before, C, work)
+    cost = data + penalty(p, centre, stiffness)
     damping = DAMPING_START
     for _ in range(iterations):
-        normal_equations(lobes, bent, dark, M, before, C, H, g, work)
+        normal_equations(lobes, bent, M, before, C, H, g, work)
         largest = 0.0
         for k in range(shapes):
             H[k, k] += stiffness[k]
@@ -236,8 +210,8 @@ def descend(
                     trial[k] += min(max(step[k], -1.0), 1.0)
                 confine(trial, lobes, narrow, wide)
                 evaluate(tail, lobes, bent, trial, C, S, L, root, Y, scale, R, M_new)
-                new_data = colours(lobes, bent, dark, M_new, C, new, work)
-                new_cost = new_data + penalty(trial, centre, stiffness, dark, new, lobes, channels)
+                new_data = colours(lobes, bent, M_new, C, new, work)
+                new_cost = new_data + penalty(trial, centre, stiffness)
                 if new_cost < cost:
                     accepted = True
                     gain = cost - new_cost
@@ -296,11 +270,9 @@ def colour_lone(tail: int, p: Array, C: Array, S: Single, root: Single, Y: Singl
     """Colours C (2, 3) of the three channels for a shape and the diffuse row m; returns the cost."""
     A, B, b, x = work[:2], work[2:4], work[4], work[5]
     cost = lobe_products(tail, p, S, root, m, Y, A, B)
-    dark = unseen(tail)
-    A[0, 0] += dark
     for c in range(3):
         b[0], b[1] = B[0, c], B[1, c]
-        cost += nonnegative2(A, b, x) - dark * x[0] * x[0]
+        cost += nonnegative2(A, b, x)
         C[0, c], C[1, c] = x[0], x[1]
     return max(cost, 0.0)
 
