@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -102,6 +103,19 @@ def test_it_is_the_plugin_in_python(variant: str, compiled: Path, fabrics: list[
     python, found = (look_up(plugin, variant, fabrics) for plugin in ("python", str(compiled)))
     assert (python[:, 0] > 0).mean() > 0.5
     np.testing.assert_allclose(found, python, rtol=2e-4, atol=2e-5)
+
+
+def test_a_stale_plugin_is_told(compiled: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """By its sources, and by the version of Mitsuba; `kinran doctor` asks this of the one in the folder native."""
+    library = compiled / "plugins" / "kinran.so"
+    assert not native.stale(library)
+    with monkeypatch.context() as patched:
+        patched.setattr(native, "version", lambda name: "3.9.9")
+        assert native.stale(library)
+    shutil.copytree(native.HERE, tmp_path / "sources")
+    (tmp_path / "sources" / "models.h").write_text("// other formulas")
+    monkeypatch.setattr(native, "HERE", tmp_path / "sources")
+    assert native.stale(library)
 
 
 def test_mitsuba_renders_without_python(compiled: Path, fabrics: list[dict[str, object]], tmp_path: Path) -> None:

@@ -97,6 +97,18 @@ def meshlab() -> Finding:
     return Finding(well, f"{number} plugins" if number.isdigit() else last, LIBRARIES)
 
 
+def compiled() -> Finding:
+    """Whether the compiled plugin, where there is one, is that of these sources and this Mitsuba."""
+    from kinran_bsdf import native
+
+    library = ROOT / "native" / "plugins" / "kinran.so"
+    if not library.exists():
+        return Finding(True, "none; optional")
+    return Finding(
+        not native.stale(library), str(library), "compiled from other sources or for another Mitsuba: kinran native"
+    )
+
+
 def hid() -> Finding:
     """Whether the module `hid` is that of hidapi: another package of that name hides it."""
     for name in ("hidraw", "hid"):
@@ -148,6 +160,7 @@ CHECKS: dict[str, Callable[[], Finding]] = {
     "Python": python,
     "packages": packages,
     "LLVM for Mitsuba": llvm,
+    "compiled plugin": compiled,
     "pymeshlab": meshlab,
     "hidapi": hid,
     "cores": cores,

@@ -6,10 +6,12 @@ and the package nanobind, whose headers those of Mitsuba include.
 """
 
 import argparse
+import hashlib
 import platform
 import shutil
 import subprocess
 import sys
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -49,6 +51,17 @@ def missing() -> str:
     return ""
 
 
+def stamp() -> str:
+    """What a plugin compiled now is made of: `build` leaves it in the file."""
+    sources = b"".join((HERE / name).read_bytes() for name in ("kinran.cpp", "material.h", "models.h"))
+    return f"kinran {hashlib.sha256(sources).hexdigest()[:16]} for Mitsuba {version('mitsuba')}"
+
+
+def stale(library: Path) -> bool:
+    """Whether a compiled plugin is of other sources, or of another version of Mitsuba."""
+    return stamp().encode() not in library.read_bytes()
+
+
 def build(folder: Path) -> Path:
     """Compile to `folder`/plugins/kinran.so, which takes half a minute.
 
@@ -63,7 +76,15 @@ def build(folder: Path) -> Path:
     library.parent.mkdir(parents=True, exist_ok=True)
     part = library.with_suffix(".part")
     command = [
-        *("g++", *FLAGS, *(f"-I{path}" for path in headers), str(HERE / "kinran.cpp"), "-o", str(part)),
+        *(
+            "g++",
+            *FLAGS,
+            f'-DKINRAN_STAMP="{stamp()}"',
+            *(f"-I{path}" for path in headers),
+            str(HERE / "kinran.cpp"),
+            "-o",
+            str(part),
+        ),
         *(f"-L{mitsuba}", "-lmitsuba", f"-L{drjit}", "-ldrjit-core", "-ldrjit-extra"),
         f"-Wl,-rpath,{mitsuba}:{drjit}",
     ]

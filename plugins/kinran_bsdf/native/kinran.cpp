@@ -1,6 +1,7 @@
 // The BSDF `kinran`, compiled: bsdf.py for the scalar variants and the command `mitsuba`. See docs/plugin.md.
 #include <mitsuba/core/fresolver.h>
 #include <mitsuba/core/properties.h>
+#include <mitsuba/core/util.h>
 #include <mitsuba/core/warp.h>
 #include <mitsuba/render/bsdf.h>
 #include <mitsuba/render/texture.h>
@@ -48,6 +49,8 @@ public:
     };
 
     Kinran(const Properties &props) : Base(props) {
+        if (util::info_build(1).find("version " MI_VERSION) == std::string::npos)
+            Throw("kinran: compiled for Mitsuba " MI_VERSION ", but this is another; compile it again (kinran native)");
         if (props.get<ScalarFloat>("pixel_angle", 0.f) > 0)
             Throw("kinran: pixel_angle needs the Python plugin; leave it out, or use `kinran render`");
         if (props.has_property("filename"))
@@ -171,7 +174,7 @@ public:
     }
 
     std::string to_string() const override {
-        return "Kinran[model=" + m_model_name + ", native, lobes=" + std::to_string(m_lobes) + "]";
+        return "Kinran[model=" + m_model_name + ", lobes=" + std::to_string(m_lobes) + ", compiled: " KINRAN_STAMP "]";
     }
 
     MI_DECLARE_CLASS(Kinran)
