@@ -14,6 +14,7 @@ from kinran_bsdf.material import MODELS, TAILS, read_material
 mi: Any = mitsuba  # its types are those of the variant, at run time
 
 DEFENSIVE = 0.1  # share of samples that terms get evenly, whatever their energy
+RESIDUAL_LEAST = 1e-6  # least albedo of the diffuse term in sampling, where a residual can show what no term does
 
 
 def register() -> None:
@@ -38,9 +39,18 @@ def _make_class() -> Any:
             self.floor = dr.opaque(mi.Float, floor)
             self.rows = [[dr.opaque(mi.Float, float(v)) for v in row] for row in self.to_uv]
             self.weft = [dr.opaque(mi.Float, float(v)) for v in np.linalg.pinv(self.to_uv[:, :2])[:, 0]]
-            self.per_texel = dr.opaque(mi.Float, self._texels() * pixel_angle**2) if pixel_angle else None
+            self.pixel_angle = pixel_angle
+            self._measure()
             self.back: Any = props.get_texture("back") if "back" in props else None
             self._set_flags()
+
+        def _measure(self) -> None:
+            """Texels of the unit square of texture coordinates, times the solid angle of a pixel."""
+            self.per_texel = None
+            if self.pixel_angle:
+                height, width = self.maps.size
+                texels = height * width * abs(float(np.linalg.det(self.to_uv[:, :2])))
+                self.per_texel = dr.opaque(mi.Float, texels * self.pixel_angle**2)
 
         def _set_flags(self) -> None:
             varying = mi.BSDFFlags.SpatiallyVarying
@@ -65,10 +75,6 @@ def _make_class() -> Any:
         def _texel(self, si: Any, active: Any) -> Texel:
             return self.maps.fetch(si, self._uv(si), None if self.per_texel is None else self._level(si), active)
 
-        def _texels(self) -> float:
-            """Number of texels in a unit square of the mesh's texture coordinates."""
-            return self.maps.size[0] * self.maps.size[1] * abs(float(np.linalg.det(self.to_uv[:, :2])))
-
         def _level(self, si: Any) -> Any:
             """Level of the pyramid whose texels are as large as a pixel's footprint.
 
@@ -76,7 +82,7 @@ def _make_class() -> Any:
             angle of a pixel is the footprint of a camera ray, and less than that of a bounce.
             """
             texels = self.per_texel * dr.square(si.t) / dr.maximum(si.wi.z, 0.1)
-            return 0.5 * dr.log2(dr.maximum(texels, 1e-20) / dr.maximum(dr.norm(si.dp_du) * dr.norm(si.dp_dv), 1e-20))
+            return 0.5 * dr.log2(dr.maximum(texels, 1e-20) / dr.maximum(dr.norm(dr.cross(si.dp_du, si.dp_dv)), 1e-20))
 
         def _axes(self, si: Any) -> tuple[Any, Any, Any]:
             """Cosine and sine of the weft in the shading frame, and the sign that makes the warp +v."""
@@ -120,7 +126,8 @@ def _make_class() -> Any:
                     weights.append(mi.Float(0))
                     continue
                 unit = sampling.energy(self.model, term.shape) if k else dr.pi
-                weights.append(dr.detach(dr.maximum(term.strength, 0) * unit))
+                least = RESIDUAL_LEAST if k == 0 and self.maps.residual is not None else 0.0
+                weights.append(dr.detach(dr.maximum(dr.maximum(term.strength, 0) * unit, least)))
             total = sum(weights)
             share = DEFENSIVE / sum(enabled) * total if any(enabled) else 0
             weights = [dr.select(w > 0, w + share, 0) for w in weights]
@@ -260,7 +267,9 @@ def _make_class() -> Any:
         def eval_attribute_1(self, name: str, si: Any, active: Any = True) -> Any:
             if name == "measured_distance":
                 return dr.select(active, dr.safe_acos(dr.abs(si.wi.z)), 0)
-            return self.maps.attribute(name, self._uv(si), active)
+            if name in self.maps.attributes:
+                return self.maps.attribute(name, self._uv(si), active)
+            return super().eval_attribute_1(name, si, active)
 
         def traverse(self, callback: Any) -> None:
             self.maps.traverse(callback)
@@ -268,7 +277,9 @@ def _make_class() -> Any:
                 callback.put("back", self.back, mi.ParamFlags.Differentiable)
 
         def parameters_changed(self, keys: Sequence[str] = ()) -> None:
-            self.maps.changed()
+            if not keys or "maps" in keys:
+                self.maps.changed()
+                self._measure()
 
         def to_string(self) -> str:
             return f"Kinran[model={self.model}, tail={self.tail}, lobes={self.lobes}]"

@@ -134,6 +134,10 @@ class PackedMaps:
         """Take over maps that were changed through `mi.traverse`; a pyramid carries no gradients."""
         if self.tensor is None:
             return
+        height, width, channels = self.tensor.shape
+        if channels != self.texture.shape[2]:
+            raise ValueError(f"kinran: maps have {self.texture.shape[2]} channels, not {channels}")
+        self.size = height, width
         self.texture.set_tensor(self.tensor)
         if self.pyramid is not None:
             self.pyramid = Pyramid(np.array(dr.detach(self.tensor)), self.next_level, self.wrap_mode)

@@ -46,6 +46,28 @@ def test_distance_label_and_bound_of_each_pixel(
     assert {-1.0} < set(np.unique(label)) <= {-1.0, 3.0}
 
 
+def test_fabric_of_constants_has_a_distance_and_nothing_else(
+    jit: str, fabric: Callable[..., Material], tmp_path: Path
+) -> None:
+    """Beside one that has a file: each is asked for everything."""
+    write_material(tmp_path / "a.exr", fabric(size=(1, 1)))
+    beside = {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([2, 0, 0])}
+    scene = {
+        "type": "scene",
+        "integrator": {"type": "kinran_measured"},
+        "sensor": {
+            "type": "perspective",
+            "to_world": mi.ScalarTransform4f().look_at(origin=[0, 0, 4], target=[0, 0, 0], up=[0, 1, 0]),
+            "film": {"type": "hdrfilm", "width": 3, "height": 3, "rfilter": {"type": "box"}},
+        },
+        "cloth": {"type": "rectangle", "bsdf": {"type": "kinran"}},
+        "beside": beside | {"bsdf": {"type": "kinran", "filename": str(tmp_path / "a.exr")}},
+    }
+    distance, label, bound = np.array(mi.render(mi.load_dict(scene), spp=1))[1, 1, -3:]
+    assert 0 <= distance < 0.2
+    assert label == bound == -1
+
+
 def test_bound_scales_what_is_rendered(jit: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
     m = fabric(size=(1, 1))
     write_material(tmp_path / "a.exr", m)

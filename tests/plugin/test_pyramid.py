@@ -264,6 +264,24 @@ def test_near_view_uses_the_map_itself(jit: str, fabric: Callable[..., Material]
     np.testing.assert_allclose(far_view(tmp_path / "a.exr", [0, 0, -1], 4, 1e-6, 1), there, rtol=1e-5)
 
 
+def test_only_changed_maps_are_filtered_again(jit: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
+    """And maps of another size are taken, but not of other channels."""
+    write_material(tmp_path / "a.exr", weave(fabric))
+    bsdf = mi.load_dict({"type": "kinran", "filename": str(tmp_path / "a.exr"), "pixel_angle": 0.01, "back": 0.5})
+    parameters, levels = mi.traverse(bsdf), bsdf.maps.pyramid
+    parameters["back.value"] = 0.25
+    parameters.update()
+    assert bsdf.maps.pyramid is levels
+    texels = bsdf.per_texel
+    parameters["maps"] = mi.TensorXf(np.array(parameters["maps"])[:32])
+    parameters.update()
+    assert bsdf.maps.pyramid is not levels
+    np.testing.assert_allclose(np.array(bsdf.per_texel) * 2, np.array(texels))
+    parameters["maps"] = mi.TensorXf(np.array(parameters["maps"])[..., 1:])
+    with pytest.raises((ValueError, RuntimeError), match="13 channels, not 12"):
+        parameters.update()
+
+
 def test_angles_and_textures_have_no_pyramid(jit: str, fabric: Callable[..., Material], tmp_path: Path) -> None:
     write_material(tmp_path / "a.exr", fabric("takeda2008"))
     with pytest.raises((ValueError, RuntimeError), match="would average angles"):

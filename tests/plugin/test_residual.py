@@ -100,6 +100,23 @@ def test_it_fades_where_nothing_was_measured_and_is_never_negative(
     assert changes[2] < 0.15 * changes[0]  # what is left comes from lights near N, where reciprocity speaks
 
 
+def test_what_only_the_residual_shows_is_sampled(tmp_path: Path, material: Material, jit: str) -> None:
+    """Where lobes and diffuse term are black: the albedo by sampling is that by uniform directions."""
+    for name in ("diffuse", "lobe1"):
+        material.channels[f"{name}.amplitude"][:] = 0
+    for c in "RGB":
+        material.channels[f"residual0.{c}"][:] = 0.5
+    write_material(tmp_path / "m.exr", material)
+    bsdf, n, rng = load(tmp_path / "m.exr", filter="nearest"), 1 << 18, np.random.default_rng(2)
+    si = interaction(rng.random((n, 2)), np.tile([0.0, 0, 1], (n, 1)))
+    u = rng.random((5, n)).astype(np.float32)
+    _, weight = bsdf.sample(mi.BSDFContext(), si, mi.Float(u[0]), mi.Point2f(u[1:3]))
+    wo = mi.warp.square_to_uniform_hemisphere(mi.Point2f(u[3:]))
+    uniform = np.array(bsdf.eval(mi.BSDFContext(), si, wo)).mean(1) * 2 * np.pi
+    assert uniform.min() > 0.1
+    np.testing.assert_allclose(np.array(weight).mean(1), uniform, rtol=0.02)
+
+
 @pytest.mark.parametrize("with_it", [True, False])
 def test_other_variants_show_the_colours_of_rgb(tmp_path: Path, material: Material, with_it: bool) -> None:
     """Mono its luminance and spectra its primaries, at views where the residual is whole, fades, and clamps to 0."""

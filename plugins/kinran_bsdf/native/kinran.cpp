@@ -32,6 +32,7 @@ public:
     using Values = dr::DynamicArray<Float>;
 
     static constexpr ScalarFloat Defensive = 0.1f;  // share of samples that terms get evenly
+    static constexpr ScalarFloat ResidualLeast = 1e-6f;  // albedo of the diffuse term in sampling, at least
     static constexpr size_t Table = 128;            // side of the table of the residual's spline
 
     /// One term of the model at a point: colour · amplitude, its mean over bands, its shape, and its bands
@@ -74,8 +75,8 @@ public:
             cb->put("back", m_back, ParamFlags::Differentiable);
     }
 
-    void parameters_changed(const std::vector<std::string> & /*keys*/) override {
-        if (m_names.empty())
+    void parameters_changed(const std::vector<std::string> &keys) override {
+        if (m_names.empty() && (keys.empty() || std::find(keys.begin(), keys.end(), "maps") != keys.end()))
             m_maps.set_tensor(m_maps.tensor());
     }
 
@@ -170,7 +171,9 @@ public:
     Float eval_attribute_1(const std::string &name, const SurfaceInteraction3f &si, Mask active) const override {
         if (name == "measured_distance")
             return dr::select(active, dr::safe_acos(dr::abs(si.wi.z())), 0.f);
-        return look_up(m_extra, uv(si), active)[name == "label" ? 1 : 0];
+        if (m_names.empty() && (name == "bound" || name == "label"))
+            return look_up(m_extra, uv(si), active)[name == "label" ? 1 : 0];
+        return Base::eval_attribute_1(name, si, active);
     }
 
     std::string to_string() const override {
@@ -421,7 +424,9 @@ private:
         ScalarFloat count = 0;
         for (size_t k = 0; k < terms.size(); ++k) {
             Float unit = k ? m_models.energy(terms[k].shape) : dr::Pi<Float>;
-            weights.push_back(enabled[k] ? Float(dr::detach(dr::maximum(terms[k].strength, 0.f) * unit)) : Float(0.f));
+            ScalarFloat least = m_count && k == 0 ? ResidualLeast : (ScalarFloat) 0;
+            Float weight = dr::maximum(dr::maximum(terms[k].strength, 0.f) * unit, least);
+            weights.push_back(enabled[k] ? Float(dr::detach(weight)) : Float(0.f));
             total += weights.back();
             count += enabled[k] ? 1 : 0;
         }
