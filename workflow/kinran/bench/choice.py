@@ -5,6 +5,7 @@ import contextlib
 import os
 import tempfile
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,11 @@ from kinran import metrics
 from kinran.bench import real_sets
 from kinran.chart.trial import Trial, read, spread
 from kinran.files import InputError, write_json
-from kinran.fit import choice
+from kinran.fit import choice, simplest
 from kinran.fit.candidates import CANDIDATES, Candidate, Sampled, fit
 from kinran.labels import read_labels, read_second
 from kinran.stack import Stack
+from kinran_bsdf.material import read_material, write_material
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -48,6 +50,8 @@ def main(args: argparse.Namespace) -> None:
         counts = (len(whole.lights), *COUNTS)
         for count in counts:
             found.append(_row(args.results.name, whole.under(spread(whole.lights, count))))
+        found.append({"name": args.results.name, "file": file_bytes(args.results)})
+        print(f"bytes of the file, a texel: {found[-1]['file']}")
     for name in args.sets if args.data else ():
         if name not in real_sets.sets():
             raise InputError(f"--sets {name}: is none of {', '.join(real_sets.sets())}")
@@ -59,6 +63,29 @@ def main(args: argparse.Namespace) -> None:
                 kinran.main(["segment", str(labels), "--stack", str(stack), *rest])
             found.append(_row(name, _trial(stack, labels)))
     write_json(args.out, found)
+
+
+def file_bytes(results: Path) -> dict[str, float]:
+    """Bytes a texel of a two-lobe material's file: as it is, and without the lobes that texels by themselves do not need."""
+    stack, labels = Stack.open(results / "radiance.zarr"), read_labels(results / "labels.exr")
+    second, material = read_second(results / "labels.exr"), read_material(results / "fit" / "slope.exr")
+    sample = choice.sampled(stack, labels, second, int(labels.max()) + 1)
+    error = choice.judge(sample, 1)[CANDIDATES[-1].name].error(np.bincount(labels.ravel()) / labels.size)
+    needs = simplest.texel_map(stack, labels, second, sample, error, 1)
+    kept = {
+        name: np.where(needs >= int(name[4]), plane, 0).astype(np.float32) if name.startswith("lobe") else plane
+        for name, plane in material.channels.items()
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        whole, part = Path(folder) / "whole.exr", Path(folder) / "part.exr"
+        write_material(whole, material)
+        write_material(part, replace(material, channels=kept))
+        sizes = [path.stat().st_size / labels.size for path in (whole, part)]
+    return {
+        "all lobes": sizes[0],
+        "lobes that are needed": sizes[1],
+        "share of second lobes": float((needs > 1).mean()),
+    }
 
 
 def _trial(stack: Path, labels: Path) -> Trial:

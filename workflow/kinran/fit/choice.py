@@ -17,7 +17,7 @@ from kinran.files import write_json
 from kinran.fit import samples, simplest
 from kinran.fit.candidates import CANDIDATES, DB_A_BYTE, Candidate, Sampled, display, fitted
 from kinran.fit.sampled import of_regions
-from kinran.labels import read_labels, read_regions, read_second
+from kinran.labels import LabelMap, read_labels, read_regions, read_second
 from kinran.stack import Stack
 
 Array = NDArray[np.float64]
@@ -42,9 +42,7 @@ def main(args: argparse.Namespace) -> None:
     stack = Stack.open(args.stack)
     names = [region.name for region in read_regions(args.regions)]
     labels, second = read_labels(args.labels), read_second(args.labels)
-    T, W, at = of_regions(stack, labels, len(names), SAMPLE)
-    region, shares = (m.reshape(-1)[at].astype(np.intp) for m in (labels, second))
-    sample = Sampled(T, W, samples.training_directions(stack), region, shares, display(stack, T))
+    sample = sampled(stack, labels, second, len(names))
     share = np.bincount(labels.ravel(), minlength=len(names)) / labels.size
     judged = judge(sample, args.threads)
     chosen, kinds = choose(judged, share)
@@ -59,7 +57,7 @@ def main(args: argparse.Namespace) -> None:
             "fitted": [k for k, kind in enumerate(kinds) if kind.lobes],
             "decibels_a_byte": DB_A_BYTE,
             "bytes_per_texel": round(bytes_needed, 1),
-            "bytes_saved": round(CANDIDATES[-1].size - bytes_needed, 1),
+            "bytes_saved": round(max(CANDIDATES[-1].size - bytes_needed, 0.0), 1),
             "bytes_of_texels_alone": round(float(sizes[needs].mean()), 1),
             "regions": {
                 name: {
@@ -72,6 +70,13 @@ def main(args: argparse.Namespace) -> None:
     )
     pictures.write_png(args.picture, simplest.picture(needs))
     print(f"choice: {', '.join(f'{n}: {kind.name}' for n, kind in zip(names, kinds, strict=True))}", file=sys.stderr)
+
+
+def sampled(stack: Stack, labels: LabelMap, second: LabelMap, count: int) -> Sampled:
+    """Texels of each of `count` regions that the choice is made on."""
+    T, W, at = of_regions(stack, labels, count, SAMPLE)
+    region, shares = (m.reshape(-1)[at].astype(np.intp) for m in (labels, second))
+    return Sampled(T, W, samples.training_directions(stack), region, shares, display(stack, T))
 
 
 @dataclass(frozen=True)
