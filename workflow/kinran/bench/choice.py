@@ -66,7 +66,7 @@ def main(args: argparse.Namespace) -> None:
 
 
 def file_bytes(results: Path) -> dict[str, float]:
-    """Bytes a texel of a two-lobe material's file: as it is, and without the lobes that texels by themselves do not need."""
+    """Bytes a texel of a two-lobe material's file: as it is, and without lobes that texels alone do not need."""
     stack, labels = Stack.open(results / "radiance.zarr"), read_labels(results / "labels.exr")
     second, material = read_second(results / "labels.exr"), read_material(results / "fit" / "slope.exr")
     sample = choice.sampled(stack, labels, second, int(labels.max()) + 1)
@@ -81,11 +81,8 @@ def file_bytes(results: Path) -> dict[str, float]:
         write_material(whole, material)
         write_material(part, replace(material, channels=kept))
         sizes = [path.stat().st_size / labels.size for path in (whole, part)]
-    return {
-        "all lobes": sizes[0],
-        "lobes that are needed": sizes[1],
-        "share of second lobes": float((needs > 1).mean()),
-    }
+    names = "all lobes", "lobes that are needed", "share of second lobes"
+    return dict(zip(names, (*sizes, float((needs > 1).mean())), strict=True))
 
 
 def _trial(stack: Path, labels: Path) -> Trial:

@@ -1,6 +1,7 @@
 """Texels that two threads share: their error under their region's prior alone, and with one of a lobe of each."""
 
 import argparse
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -78,24 +79,29 @@ def shares(fabric: VirtualFabric) -> Array:
 
 def average(values: NDArray[Any], factor: int) -> NDArray[Any]:
     """Means (y, x, …) of blocks of texels."""
+    return np.asarray(_blocks(values, factor).mean((1, 3)))
+
+
+def _blocks(values: NDArray[Any], factor: int) -> NDArray[Any]:
+    """(row, y in block, column, x in block, …) of values (y, x, …)."""
     height, width = values.shape[0] // factor, values.shape[1] // factor
-    blocks = values[: height * factor, : width * factor].reshape(height, factor, width, factor, *values.shape[2:])
-    return np.asarray(blocks.mean((1, 3)))
+    return values[: height * factor, : width * factor].reshape(height, factor, width, factor, *values.shape[2:])
 
 
 def coarse(trial: Trial, factor: int, labels: NDArray[np.intp], second: NDArray[np.intp]) -> Trial:
-    """The trial as a wider lens would have taken it."""
+    """The trial as a wider lens would have taken it: what is left out of any texel, or saturated, is so of its block."""
 
-    def of(samples: Samples) -> Samples:
-        values = average(samples.reshape(*trial.shape, *samples.shape[1:]), factor)
+    def of(samples: NDArray[Any], of_block: Callable[..., Any] = np.mean) -> Samples:
+        values = of_block(_blocks(samples.reshape(*trial.shape, *samples.shape[1:]), factor), (1, 3))
         return np.ascontiguousarray(values.reshape(-1, *samples.shape[1:]), np.float32)
 
     return replace(
         trial,
         T=of(trial.T),
-        W=of(trial.W),
+        W=of(trial.W, np.min),
+        bounds=of(trial.bounds, np.max),
         truth=of(trial.truth),
-        valid=of(trial.valid.astype(np.float32)) == 1,
+        valid=of(trial.valid, np.min) == 1,
         region=labels.reshape(-1),
         second=second.reshape(-1),
         shape=labels.shape,
