@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from kinran import frames
 from kinran.bench import fit_memory
+from kinran.bench.stability import SHOTS
 from kinran.files import write_json
-from kinran.fit import learned, samples, slope, takeda
+from kinran.fit import bounded, learned, samples, slope, takeda
 from kinran.fit.predict import predict
 from kinran.virtual.weave import VirtualFabric
 from kinran_bsdf import models
@@ -113,6 +114,7 @@ def main(args: argparse.Namespace) -> None:
         row["four_steps_ratio"] = round(times["four steps"] / row["microseconds"], 2)
     print("few lights", file=sys.stderr, flush=True)
     few = [_few(scene, train, n) for n in (300, 100, 50, 30)]
+    exposures = [_exposures(scene, train, kept) for kept in (5, 4, 3, 2)]
     threads, whole_map = _scaling(T, W, lights), _whole_map(scene)
     print("memory at ten megapixels", file=sys.stderr, flush=True)
     memory = fit_memory.measure()
@@ -124,6 +126,7 @@ def main(args: argparse.Namespace) -> None:
         "held_out": int(scene.held.sum()),
         "variants": rows,
         "few_lights": few,
+        "few_exposures": exposures,
         "wall_microseconds_by_threads": threads,
         "whole_map": whole_map,
         "memory": memory,
@@ -308,6 +311,29 @@ def _few(scene: Truth, train: NDArray[np.intp], count: int) -> dict[str, Any]:
         fitted = slope.fit(T, W, scene.lights[use], priors=given, region=region)
         errors = _errors(fitted, scene, "ggx")
         row.update({f"{name}_{key}": errors[key] for key in ("error", "worst", "above_1")})
+    _print(row)
+    return row
+
+
+def _exposures(scene: Truth, train: NDArray[np.intp], kept: int) -> dict[str, Any]:
+    """Two lobes as the pipeline fits them with the longest exposures; all five hold twice the brightest sample."""
+    level = np.float32(2 * scene.clean.max() * SHOTS[5 - kept] / SHOTS[0])
+    seen = np.ascontiguousarray(scene.seen[train].transpose(1, 2, 0))
+    full = (seen >= level).any(1)
+    T, W, lights = np.minimum(seen, level), np.where(full, 0, 1).astype(np.float32), scene.lights[train]
+    bounds = np.asarray(full, np.float32)
+    region = (~scene.gold).astype(np.intp)
+    some = np.arange(0, len(T), 4)
+    row: dict[str, Any] = {"name": f"{kept} exposures", "saturated": round(float(full.mean()), 4)}
+    for name, tail, lobes in (("one", "ggx", 1), ("two", "gaussian", 2)):
+        kind = tail, lobes, learned.learn_priors(T[some], W[some], lights, region[some], 2, tail, lobes), region
+        for given in (kind[:2], kind):
+            fitted = slope.fit(T, W, lights, *given)
+            if given is kind:
+                fitted = bounded.refit(fitted, T, W, bounds, lights, *kind, 1, frames.slopes(lights))
+            errors = _errors(fitted, scene, tail)
+            label = name if given is kind else f"{name}_alone"
+            row.update({f"{label}_{key}": errors[key] for key in ("error", "median", "above_1")})
     _print(row)
     return row
 
