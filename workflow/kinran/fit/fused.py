@@ -205,6 +205,11 @@ def descend(
                     damped[k, j] = H[k, j]
                 damped[k, k] = H[k, k] * (1.0 + damping) + 1e-12 * largest
             if cholesky_solve(damped, g, shapes, F, step):
+                expected = 0.0
+                for k in range(shapes):
+                    expected += step[k] * (g[k] + damping * H[k, k] * step[k])
+                if expected < tolerance * cost:
+                    break
                 trial[:] = p
                 for k in range(shapes):
                     trial[k] += min(max(step[k], -1.0), 1.0)

@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 Samples = NDArray[np.float32]
 
 ITERATIONS = 12
-TOLERANCE = 1e-4
+TOLERANCE = 3e-4
+"""Share of the cost that a step has to promise, and to gain, for the search to go on."""
 BLOCK = 256
 """Texels of a job of a thread."""
 MAX_WIDTH = 2.0
