@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran_bsdf import models
+from kinran_bsdf.material import WIDTH_FLOOR
 
 Array = NDArray[np.floating[Any]]
 
@@ -110,7 +111,10 @@ def _pooled(shapes: Array, weights: Array, tail: str) -> Array:
     moments = [x, y, xx + part * x * x, xy + part * x * y, yy + part * y * y]
     total = mean(weights.sum(0))
     x, y, xx, xy, yy = (mean((weights * m).sum(0)) / total for m in moments)
-    return np.stack([x, y, xx - part * x * x, xy - part * x * y, yy - part * y * y])
+    # single precision leaves nothing of the narrowest widths at steep slopes
+    xx, yy = (np.maximum(a - part * b * b, WIDTH_FLOOR**2) for a, b in ((xx, x), (yy, y)))
+    most = np.float32(0.99999) * np.sqrt(xx * yy)
+    return np.stack([x, y, xx, np.clip(xy - part * x * y, -most, most), yy])
 
 
 def _flanks(shapes: Array, weights: Array) -> Array:

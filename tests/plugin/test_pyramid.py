@@ -90,6 +90,17 @@ def test_a_lobe_has_the_mean_and_the_variance_of_four(
     np.testing.assert_allclose(top[10:], own + spread[[0, 0, 1], [0, 1, 1]], atol=1e-5)
 
 
+@pytest.mark.parametrize("lobes", [1, 2])
+def test_narrowest_lobes_at_steep_slopes_stay_lobes(jit: str, fabric: Callable[..., Material], lobes: int) -> None:
+    m = fabric(size=(16, 16), lobes=lobes)
+    for k in range(1, lobes + 1):
+        for name, value in {"x": 3.0, "y": -3.0, "xx": 1e-6, "xy": 0, "yy": 1e-6}.items():
+            m.channels[f"lobe{k}.{name}"][:] = value
+    top = apex(m, 4)
+    assert np.isfinite(top).all()
+    assert (top[..., 10] * top[..., 12] > top[..., 11] ** 2).all()
+
+
 def crossed(fabric: Callable[..., Material]) -> Material:
     """Ribs with a lobe on each flank, whose order changes from texel to texel."""
     m, rng, size = fabric(lobes=2, size=(64, 64)), np.random.default_rng(0), (64, 64)
