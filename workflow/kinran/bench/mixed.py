@@ -89,7 +89,7 @@ def _blocks(values: NDArray[Any], factor: int) -> NDArray[Any]:
 
 
 def coarse(trial: Trial, factor: int, labels: NDArray[np.intp], second: NDArray[np.intp]) -> Trial:
-    """The trial as a wider lens would have taken it: what is left out of any texel, or saturated, is so of its block."""
+    """The trial as a wider lens would have taken it: what any texel of a block lacks, all of it does."""
 
     def of(samples: NDArray[Any], of_block: Callable[..., Any] = np.mean) -> Samples:
         values = of_block(_blocks(samples.reshape(*trial.shape, *samples.shape[1:]), factor), (1, 3))
