@@ -16,6 +16,7 @@ rule report:
             then="results/{fabric}/fit/slope.sigma.json",
             otherwise=[],
         ),
+        choice=choice_of,
         mesh="results/{fabric}/mesh.json",
         render="results/{fabric}/render.png",
         sweep="results/{fabric}/sweep.png",
@@ -26,10 +27,13 @@ rule report:
     params:
         results=subpath(output[0], parent=True),
         captures=subpath(input.plan, parent=True),
+        choice=lambda wildcards, input: (
+            f"--choice {input.choice}" if input.choice else ""
+        ),
         code=digest("kinran.report"),
     shell:
         "python -m kinran report --fabric {wildcards.fabric} --results {params.results:q}"
-        " --captures {params.captures:q} {output:q} 2>&1 | tee {log}"
+        " --captures {params.captures:q} {params.choice} {output:q} 2>&1 | tee {log}"
 
 
 rule overview:

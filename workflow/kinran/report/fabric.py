@@ -17,6 +17,7 @@ from kinran.plans import Plan, read_plan
 from kinran.radiance.calibration import Calibration, read_calibration
 from kinran.report import charts
 from kinran.report.certainty import certainty_section
+from kinran.report.choice import choice_section
 from kinran.report.colours import chart_section
 from kinran.report.page import embed, embed_file
 from kinran.report.relit import relit_section
@@ -28,7 +29,7 @@ MAP_WIDTH = 240
 Values = dict[str, Any]
 
 
-def gather(fabric: str, results: Path, captures: Path) -> Values:
+def gather(fabric: str, results: Path, captures: Path, choice: Path | None = None) -> Values:
     """Values of the template `fabric.html`."""
     plan = read_plan(captures / "plan.json")
     material = read_material(results / "material.exr")
@@ -53,6 +54,7 @@ def gather(fabric: str, results: Path, captures: Path) -> Values:
         "maps": [(caption, embed(pictures.enlarge(p, MAP_WIDTH))) for caption, p in _maps(material)],
         "clamped": bool((material.channels["bound"] < 1).any()),
         **_errors(errors, plan),
+        "choice": choice_section(choice),
         "certainty": certainty_section(results / "fit"),
         **_costs(errors),
         "stages": Markup(charts.bars(stage_times(results / "benchmarks"))),
