@@ -9,9 +9,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fabric", required=True)
     parser.add_argument("--results", type=Path, required=True, help="folder of the fabric's results")
     parser.add_argument("--captures", type=Path, required=True, help="folder of the fabric's capture")
-    parser.add_argument(
-        "--choice", type=Path, help="what `kinran choice` chose (.json), if it was asked"
-    )
+    parser.add_argument("--choice", type=Path, help="what `kinran choice` chose (.json), if it was asked")
     parser.add_argument("out", type=Path, help="page (.html)")
 
 
