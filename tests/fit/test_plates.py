@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from kinran import frames
+from kinran.bench.texels import facets, microfacets
 from kinran.fit.plates import plane, plates
 from kinran_bsdf.residual import kernel_matrix, spline
 
@@ -41,3 +42,14 @@ def test_what_is_even_in_angle_stays_so_at_the_horizon(lights: np.ndarray) -> No
     truth = np.cos(3 * np.radians(76.0))
     flat = kernel_matrix(others[:, :2], lights[:, :2]) @ spline(lights, values, 0.0)
     assert np.abs(flat - truth).max() > 2 * np.abs(at(*plates(lights, values, 0.0), others) - truth).max()
+
+
+def test_harmonics_are_smoother_between_rings_than_plates() -> None:
+    """Rough microfacets under rings 20° apart, seen at 70°: plates are off by 5 % and more, harmonics by under 1 %."""
+    theta, phi = (a.ravel() for a in np.meshgrid(np.radians([20, 40, 60, 80]), np.arange(12) * np.pi / 6))
+    rings = np.concatenate([[[0, 0, 1]], frames.direction(theta, phi)])
+    others = frames.direction(np.full(24, np.radians(70)), np.arange(24) * np.pi / 12 + 0.1)
+    seen, truth = (microfacets(*facets(0.0, 20, 0.8), lights)[:, 0].T.astype(float) for lights in (rings, others))
+    off = [np.sqrt(((at(*plates(rings, seen, s), others) / truth - 1) ** 2).mean()) for s in (0.0, None)]
+    assert off[0] > 0.05
+    assert off[1] < 0.01

@@ -111,3 +111,12 @@ def test_few_lights_take_the_lobes_unless_something_is_surely_better() -> None:
     assert residual.pick(surely) == residual.Choice(1.0, 4, 0.01, float(np.mean(alone + 2)), float(alone.mean()))
     worse = {residual.ALONE: alone, (1.0, 4, 0.01): alone - 1, (0.5, 4, 0.01): alone - 2}
     assert residual.pick(worse).components == 0
+
+
+def test_a_larger_share_that_does_not_pay_hides_none_that_does() -> None:
+    """Of two that are level, the one with all of the lobes gains too little for its bytes."""
+    alone = np.random.default_rng(0).normal(50, 1, 40)
+    turns = (-1.0) ** np.arange(40)
+    scores = {residual.ALONE: alone, (1.0, 4, 0.01): alone + 0.25, (0.5, 9, None): alone + 0.5 + 1.2 * turns}
+    assert residual.pick(scores).smoothing is None
+    assert residual.pick(scores).share == 0.5

@@ -1,15 +1,24 @@
-"""Thin plates over θ (cos φ, sin φ), as a material holds them: splines over (l_x, l_y) through many nodes."""
+"""Smooth functions of the light, as a material holds them: splines over (l_x, l_y) of many nodes.
+
+Thin plates over θ (cos φ, sin φ) follow relief and shadows. Where only the reflectance itself is left, a few
+hemispherical harmonics are smoother than they between rings of lights.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinran import frames
+from kinran.baselines.basis import harmonics
 from kinran_bsdf.residual import kernel_matrix, spline
 
 Array = NDArray[np.float64]
 
 NODES = 160
 """Directions, besides the lights, that the spline of a material goes through."""
+HARMONICS, RIDGE = 16, 1e-6
+"""Hemispherical harmonics, and what is added to their normal matrix, of the mean of its diagonal."""
+DENSE, NOISE = 1500, 1e-10
+"""Directions at which a spline is to say what the harmonics say, and its least singular value."""
 CROWDED = 0.4
 """Exponent of their spread in θ: 0.5 is even in the plane of angles, less is closer near the horizon."""
 
@@ -20,7 +29,7 @@ def plane(lights: Array) -> Array:
     return np.stack([theta * np.cos(phi), theta * np.sin(phi)], -1)
 
 
-def plates(lights: Array, values: Array, smoothing: float) -> tuple[Array, Array]:
+def plates(lights: Array, values: Array, smoothing: float | None) -> tuple[Array, Array]:
     """Smooth functions of the light from values at some lights.
 
     Photographs vary evenly with the angle of the light, but a material's splines are over (l_x, l_y). So thin plates
@@ -31,7 +40,7 @@ def plates(lights: Array, values: Array, smoothing: float) -> tuple[Array, Array
     lights : (m, 3) float
     values : (m, k) float
     smoothing
-        Of the plates; 0 goes through the values.
+        Of the plates; 0 goes through the values. None are `HARMONICS` harmonics instead of plates.
 
     Returns
     -------
@@ -40,10 +49,30 @@ def plates(lights: Array, values: Array, smoothing: float) -> tuple[Array, Array
     weights : (n + 3, k) float
         As of `kinran_bsdf.residual.Residual`.
     """
-    k = np.arange(NODES) + 0.5
-    spread = frames.direction(0.5 * np.pi * (k / NODES) ** CROWDED, k * np.pi * (3 - 5**0.5))
+    if smoothing is None:
+        return _of_harmonics(lights, values)
+    spread = _spread(NODES, CROWDED, 0.5 * np.pi)
     at, other = plane(lights), plane(spread)
     distance = np.linalg.norm(other[:, None] - at[None], axis=-1).min(1)
     nodes = np.concatenate([lights, spread[distance > 0.4 * np.pi / NODES**0.5]])
     smooth = kernel_matrix(plane(nodes), at) @ spline(at, values, smoothing)
     return nodes[:, :2], spline(nodes, smooth, 0.0)
+
+
+def _spread(count: int, exponent: float, most: float) -> Array:
+    """Directions (count, 3) over the cap of θ up to `most`."""
+    k = np.arange(count) + 0.5
+    return frames.direction(most * (k / count) ** exponent, k * np.pi * (3 - 5**0.5))
+
+
+def _of_harmonics(lights: Array, values: Array) -> tuple[Array, Array]:
+    """As `plates`: what is nearest to the harmonics as far as the lights go, since they turn sharply at the horizon."""
+    basis = harmonics(HARMONICS)
+    most = float(frames.angles(lights)[0].max())
+    nodes = np.concatenate([lights, _spread(NODES, CROWDED, most)])
+    dense = np.concatenate([lights, _spread(DENSE, 0.5, most)])
+    B = basis(lights)
+    normal = B.T @ B
+    normal += RIDGE * np.trace(normal) / len(normal) * np.eye(len(normal))
+    right = basis(dense) @ np.linalg.solve(normal, B.T @ values)
+    return nodes[:, :2], np.linalg.lstsq(kernel_matrix(dense[:, :2], nodes[:, :2]), right, rcond=NOISE)[0]

@@ -32,10 +32,11 @@ LEAST_GAIN_DB = 0.3
 """What a residual has to gain in cross-validation to be worth its bytes."""
 SURE = 2.0
 COMPONENTS = (4, 9, 16)
-SMOOTHING = (1e-3, 1e-2, 3e-2)
+SMOOTHING = (1e-3, 1e-2, 3e-2, None)
+"""Of thin plates; None are harmonics."""
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
 
-Key = tuple[float, int, float]
+Key = tuple[float, int, float | None]
 """Share of the lobes, components, smoothing."""
 ALONE: Key = (1.0, 0, 0.0)
 
@@ -46,7 +47,7 @@ class Choice:
 
     share: float
     components: int
-    smoothing: float
+    smoothing: float | None
     psnr: float
     lobes_psnr: float
 
@@ -166,10 +167,10 @@ def cross_validate(
 
 
 def pick(scores: dict[Key, Array]) -> Choice:
-    """The candidate with the largest share of the lobes than which none is surely better, by pairs of lights.
+    """Of the candidates that pay, that with the largest share of the lobes than which none is surely better.
 
-    Surely: by `SURE` standard errors, since few lights decide [after the rule of one standard error, Breiman1984].
-    The lobes alone where a residual does not gain `LEAST_GAIN_DB`, or not surely.
+    Surely: by `SURE` standard errors of pairs of lights, since few decide [after the rule of one standard error,
+    Breiman1984]. A candidate pays that surely gains, and at least `LEAST_GAIN_DB`; where none does, the lobes alone.
 
     Parameters
     ----------
@@ -182,12 +183,11 @@ def pick(scores: dict[Key, Array]) -> Choice:
         gain = scores[one] - scores[other]
         return bool(gain.mean() > SURE * gain.std() / np.sqrt(max(len(gain) - 1, 1)))
 
-    order = sorted(means, key=lambda key: -means[key])
-    shares = sorted({key[0] for key in means}, reverse=True)
-    best_of = [next(key for key in order if key[0] == share and key != ALONE) for share in shares]
+    pays = [key for key in means if means[key] >= means[ALONE] + LEAST_GAIN_DB and better(key, ALONE)]
+    order = sorted(pays, key=lambda key: -means[key])
+    shares = sorted({key[0] for key in pays}, reverse=True)
+    best_of = [next(key for key in order if key[0] == share) for share in shares]
     chosen = next((key for key in best_of if not better(order[0], key)), ALONE)
-    if means[chosen] < means[ALONE] + LEAST_GAIN_DB or not better(chosen, ALONE):
-        chosen = ALONE
     return Choice(*chosen, psnr=means[chosen], lobes_psnr=means[ALONE])
 
 
