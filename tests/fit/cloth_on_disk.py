@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from kinran.__main__ import main
-from kinran.files import write_json
+from kinran.fit import slope
 from kinran.labels import Region, write_labels, write_regions
 from kinran.stack import Light, write_metadata, write_shards
 from kinran_bsdf.material import Material, read_material
@@ -73,6 +73,6 @@ def pictures(T: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     return T.transpose(2, 0, 1).reshape(T.shape[2], *shape, 3)
 
 
-def no_prior(path: Path, size: int = 7) -> None:
-    """A prior that says nothing."""
-    write_json(path, [{"centre": [0.0] * size, "variance": 0.0, "main": 0, "lone": None}])
+def no_prior(path: Path, size: int = 7, regions: int = 1) -> None:
+    """Priors that say nothing."""
+    slope.write_priors(path, [slope.Prior(np.zeros(size), 0.0)] * regions)

@@ -94,10 +94,8 @@ def test_a_texture_has_no_lobe_to_be_unsure_of(tmp_path: Path) -> None:
     labels = np.repeat([0, 1], 32).reshape(8, 8)
     cloth = Cloth(tmp_path, pictures(radiance(shapes, colours, lights), (8, 8)), directions(lights), labels)
     material = cloth.fit("--fitted", 0)
-    no_prior(tmp_path / "flat.json")
+    no_prior(tmp_path / "two.json", regions=2)
     assert (material.channels["lobe1.amplitude"][labels == 1] == 0).all()
-    prior = json.loads((tmp_path / "flat.json").read_text()) * 2
-    (tmp_path / "two.json").write_text(json.dumps(prior))
     given = ["--regions", tmp_path / "regions.json", "--prior", tmp_path / "two.json", "--material"]
     given += [tmp_path / "slope.exr", "--summary", tmp_path / "s.json", "--picture", tmp_path / "s.png"]
     assert cloth.run("sigma", "sigma.exr", *given) == 0

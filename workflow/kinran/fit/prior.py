@@ -1,11 +1,12 @@
 """Prior of each region on the shapes of its lobes, from free fits of a sample of its texels."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from kinran.fit import learned, samples, slope, strength
+from kinran.fit import learned, reweighted, samples, slope, strength, trust
 from kinran.fit.chosen import add_lobes, take_choice
 from kinran.fit.sampled import of_regions
 from kinran.labels import read_labels, read_regions
@@ -35,5 +36,12 @@ def main(args: argparse.Namespace) -> None:
     region = labels.reshape(-1)[at].astype(np.intp)
     lights = samples.training_directions(stack)
     kind = args.tail, args.lobes, args.threads
+    seen = [stack.lights[i] for i in samples.training_lights(stack)]
+    trusted = trust.learn(T, W, lights, *kind)
+    trust.say(trusted, seen)
+    W = W * trusted.lights
+    if trusted.outliers:
+        fit = partial(slope.fit, lobes=args.lobes, threads=args.threads)
+        W = reweighted.robust(T, W, lights, args.tail, fit)[1]
     priors = learned.learn_priors(T, W, lights, region, count, *kind)
-    slope.write_priors(args.out, strength.weigh(priors, T, W, lights, region, *kind))
+    slope.write_priors(args.out, strength.weigh(priors, T, W, lights, region, *kind), trusted.row(seen))

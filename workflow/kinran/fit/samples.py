@@ -48,6 +48,11 @@ class Samples:
         bounds = None if self.bounds is None else self.bounds[at]
         return Samples(self.box, np.ascontiguousarray(self.T[at] / factor[:, None]), self.W[at], bounds)
 
+    def weighed(self, by: NDArray[np.float32]) -> "Samples":
+        """With factors (light,) of the weights."""
+        bounds = None if self.bounds is None else self.bounds * by
+        return Samples(self.box, self.T, self.W * by, bounds)
+
 
 def training_lights(stack: Stack) -> NDArray[np.intp]:
     """Indices of the lights that fits may see."""

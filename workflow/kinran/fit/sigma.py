@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kinran import near, pictures
 from kinran.exr import write_exr
 from kinran.files import InputError, write_json
-from kinran.fit import samples, slope, uncertainty
+from kinran.fit import samples, slope, trust, uncertainty
 from kinran.fit.lobes import LOBE_SIZE, narrowest
 from kinran.labels import read_labels, read_regions
 from kinran.stack import Stack
@@ -47,12 +47,14 @@ def main(args: argparse.Namespace) -> None:
     if material.model != "slope":
         raise InputError(f"{args.material}: is of model {material.model}; give one of model slope")
     priors = slope.read_priors(args.prior)
+    factors = trust.read(args.prior, [stack.lights[i] for i in samples.training_lights(stack)]).lights
     maps: dict[str, Map] = {}
     for box in stack.tiles():
         y0, y1, x0, x1 = box
         region = samples.cut(labels, box)
         part = material.part(slice(y0, y1), slice(x0, x1))
-        for name, values in _tile(stack, part, samples.read(stack, box), region, priors, args.threads).items():
+        tile = samples.read(stack, box).weighed(factors)
+        for name, values in _tile(stack, part, tile, region, priors, args.threads).items():
             plane = maps.setdefault(name, np.zeros(labels.shape, np.float32))
             plane[y0:y1, x0:x1] = values.reshape(y1 - y0, x1 - x0)
         print(f"sigma: tile {y0},{x0}", file=sys.stderr, flush=True)

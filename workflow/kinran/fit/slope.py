@@ -114,14 +114,15 @@ class Prior:
         return replace(self, centre=np.concatenate([*lobes, normal]))
 
 
-def write_priors(path: Path, priors: list[Prior]) -> None:
-    """Write the priors of the regions as JSON."""
-    write_json(path, [_row(prior) for prior in priors])
+def write_priors(path: Path, priors: list[Prior], trust: dict[str, Any] | None = None) -> None:
+    """Write the priors of the regions as JSON, with what is not to be trusted (`kinran.fit.trust`)."""
+    trust = {"lights": {}, "outliers": False} if trust is None else trust
+    write_json(path, {"regions": [_row(prior) for prior in priors], "trust": trust})
 
 
 def read_priors(path: Path) -> list[Prior]:
     """Priors of the regions, as the stage `prior` writes them."""
-    return [_prior(row) for row in read_json(path)]
+    return [_prior(row) for row in read_json(path)["regions"]]
 
 
 def resolution(lights: Array, lobes: int = 1) -> float:

@@ -4,6 +4,7 @@ import argparse
 import resource
 import sys
 import time
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from kinran import near
 from kinran.code import digest
 from kinran.files import InputError, atomic
-from kinran.fit import bounded, lambert, progress, samples, slope, takeda
+from kinran.fit import bounded, lambert, progress, reweighted, samples, slope, takeda, trust
 from kinran.fit.chosen import add_lobes
 from kinran.fit.fitted import fitted_labels
 from kinran.fit.lobes import DIFFUSE_SIZE, LOBE_SIZE, squared_widths
@@ -29,6 +30,9 @@ SHAPES = {
     "lambert": (),
 }
 """Names of the lobe's shape channels."""
+
+KIND = ("lobes", "priors", "region", "threads")
+"""What `kinran.fit.slope.fit` takes after the tail."""
 
 Channels = dict[str, NDArray[np.float64]]
 
@@ -57,8 +61,9 @@ def main(args: argparse.Namespace) -> None:
     stack = Stack.open(args.stack)
     labels, second = read_labels(args.labels), read_second(args.labels)
     args.fitted = fitted_labels(args, labels)
-    priors = None
+    priors, trusted = None, None
     if args.prior:
+        trusted = trust.read(args.prior, [stack.lights[i] for i in samples.training_lights(stack)])
         priors = slope.read_priors(args.prior)
         if any(prior.lobes != args.lobes for prior in priors):
             raise InputError(f"{args.prior}: is of another number of lobes than {args.lobes}; make it again")
@@ -71,8 +76,9 @@ def main(args: argparse.Namespace) -> None:
         if not finished.has(box):
             start = time.process_time()
             tile = samples.read(stack, box)
+            tile = tile.weighed(trusted.lights) if trusted and (trusted.lights < 1).any() else tile
             reading = time.process_time() - start
-            part = _fit(args, stack, tile, region, samples.cut(second, box), priors)
+            part = _fit(args, stack, tile, region, samples.cut(second, box), priors, bool(trusted and trusted.outliers))
             part["fit.valid"] = ((tile.W > 0).sum(1) >= LEAST_SAMPLES).astype(float)
             fitting = time.process_time() - start - reading
             costs = {"cpu_seconds": np.array(fitting), "read_seconds": np.array(reading)}
@@ -106,6 +112,7 @@ def _fit(
     region: NDArray[np.intp],
     second: NDArray[np.intp],
     priors: list[slope.Prior] | None,
+    outliers: bool,
 ) -> Channels:
     """Channels (texel,) of one tile, colours in the stack's unit and space; 0 where a texel has no such part."""
     lobed = np.full(len(region), True) if args.fitted is None else np.isin(region, args.fitted)
@@ -123,7 +130,9 @@ def _fit(
                 continue
             whole = len(at) == len(region) and cell.factor is None
             part = tile if whole else tile.part(at, factor[chosen])
-            for name, values in _fit_cell(args, model, stack, part, cell, region[at], second[at], priors).items():
+            for name, values in _fit_cell(
+                args, model, stack, part, cell, region[at], second[at], priors, outliers
+            ).items():
                 channels[name][at] = values
     return channels
 
@@ -137,6 +146,7 @@ def _fit_cell(
     region: NDArray[np.intp],
     second: NDArray[np.intp],
     priors: list[slope.Prior] | None,
+    outliers: bool,
 ) -> Channels:
     """Channels (texel,) of texels under the same directions."""
     T, W = tile.T, tile.W
@@ -146,7 +156,11 @@ def _fit_cell(
         steps = takeda.four_steps(T, cell.lights, *_tolerances(stack))
         return _channels(SHAPES[model], steps.shapes, steps.colours)
     kind = args.tail, args.lobes, priors, region, args.threads
-    result = slope.fit(T, W, cell.lights, *kind, slopes=cell.slopes, second=second)
+    if outliers:
+        fit = partial(slope.fit, **dict(zip(KIND, kind[1:], strict=True)), slopes=cell.slopes, second=second)
+        result, W = reweighted.robust(T, W, cell.lights, args.tail, fit, cell.slopes)
+    else:
+        result = slope.fit(T, W, cell.lights, *kind, slopes=cell.slopes, second=second)
     if tile.bounds is not None:
         result = bounded.refit(result, T, W, tile.bounds, cell.lights, *kind, cell.slopes, second)
     lobes = [result.shapes[:, LOBE_SIZE * k : LOBE_SIZE * (k + 1)] for k in range(args.lobes)]
