@@ -89,6 +89,26 @@ def test_a_given_start_is_kept(lights: np.ndarray) -> None:
     np.testing.assert_allclose(kept.colours, colours, rtol=1e-3, atol=1e-4)
 
 
+def test_a_gaussian_between_lights_is_no_brighter_than_it_has_to_be() -> None:
+    """A highlight of 2 that one light of a grid of 0.13 sees: not ten times as bright, or 1e8, where no light is.
+
+    So it is where the region's prior was given no weight; without any prior the lobes are free.
+    """
+    at = np.stack(np.meshgrid(np.arange(-3, 4), np.arange(-3, 4)), -1).reshape(-1, 2) * 0.13
+    half = np.concatenate([at, np.ones((len(at), 1))], 1)
+    half /= np.linalg.norm(half, axis=1, keepdims=True)
+    lights = 2 * half[:, 2:] * half - [0, 0, 1]
+    rng = np.random.default_rng(5)
+    T = (0.3 * lights[:, 2] + 0.01 * rng.normal(size=(100, 3, len(lights)))).astype(np.float32)
+    T[:, :, len(lights) // 2] += 2
+    W, region = np.ones((100, len(lights)), np.float32), np.zeros(100, np.intp)
+    free = slope.fit(T, W, lights, "gaussian", 2, narrow=0.02)
+    rejected = [slope.Prior(np.median(free.shapes, 0), 0.0)]
+    held = slope.fit(T, W, lights, "gaussian", 2, rejected, region, narrow=0.02)
+    assert free.colours[:, :2].max() > 20
+    assert held.colours[:, :2].max() < 4
+
+
 def test_the_two_gaussians_of_a_ggx_lobe() -> None:
     """0.76 and 0.21 high they are the lobe to 3 % of its peak."""
     p = np.zeros(12)

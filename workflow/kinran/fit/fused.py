@@ -6,6 +6,10 @@ weighted by the roots of the samples' weights, and R Rᵀ, in blocks of 4 × 4 t
 gradient and projected normal matrix at once. The residual, not the data, stands in R, so that the cost does not
 come from a difference of large numbers. The small systems are solved in double precision.
 
+A Gaussian lobe between lights is seen by nothing but its flanks: the fit could make it as bright as it likes. Where
+asked, a prior on amplitudes, worth `UNSEEN` samples in which a lobe's peak is dark, makes it no brighter than it has
+to be. The tail of a GGX lobe reaches the lights around it, and tells.
+
 A lone lobe over an untilted diffuse term is fitted to one channel: the data along the colour of its highlight.
 With that colour its optimum is that of the three channels.
 """
@@ -17,7 +21,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from kinran.fit.linear import RIDGE, cholesky_solve, invert, nonnegative, nonnegative2
-from kinran.fit.lobes import DIFFUSE_SIZE, GGX, LOBE_SIZE, confine
+from kinran.fit.lobes import DIFFUSE_SIZE, GAUSSIAN, GGX, LOBE_SIZE, confine
 from kinran.fit.rows import along, diffuse_rows, gram, lobe_products, lobe_rows, remainder, take
 from kinran.fit.start import highlight, pair
 
@@ -27,6 +31,8 @@ f4 = np.float32
 
 DAMPING_START, DAMPING_DOWN, DAMPING_UP = 5e-2, 0.5, 4.0
 TRIES = 6
+UNSEEN = 3e-4
+"""Samples, of weight 1, that say that the peak of a Gaussian lobe is dark."""
 SINGULAR = 1e-9
 """Share of the product of its diagonal under which the determinant of a matrix is noise."""
 
@@ -67,8 +73,11 @@ def evaluate(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def colours(lobes: int, bent: bool, M: Array, C: Array, out: Array, work: Array) -> float:
-    """Best colours `out` for the shapes of M, whose residual is that of C; returns the cost."""
+def colours(lobes: int, bent: bool, dark: float, M: Array, C: Array, out: Array, work: Array) -> float:
+    """Best colours `out` for the shapes of M, whose residual is that of C; returns the cost without the prior.
+
+    `dark` is the weight of the prior on amplitudes.
+    """
     shapes, columns, channels, first_rest, _ = layout(lobes, bent)
     A, inverse, b, x, scratch = work[:3], work[3:6], work[6], work[7], work[8:]
     largest = 1.0
@@ -76,6 +85,8 @@ def colours(lobes: int, bent: bool, M: Array, C: Array, out: Array, work: Array)
         for k in range(a + 1):
             A[a, k] = A[k, a] = M[shapes + a, shapes + k]
         largest *= A[a, a]
+    for a in range(lobes):
+        A[a, a] += dark
     clear = False
     if columns == 3:
         clear = invert(A, columns, inverse) > SINGULAR * largest
@@ -86,6 +97,8 @@ def colours(lobes: int, bent: bool, M: Array, C: Array, out: Array, work: Array)
             b[a] = M[rest, shapes + a]
             for k in range(columns):
                 b[a] += A[a, k] * C[k, c]
+            if a < lobes:
+                b[a] -= dark * C[a, c]
         if columns == 2:
             nonnegative2(A, b, x)
         else:
@@ -102,12 +115,14 @@ def colours(lobes: int, bent: bool, M: Array, C: Array, out: Array, work: Array)
             cost -= 2.0 * step * M[rest, shapes + a]
             for k in range(columns):
                 cost += step * A[a, k] * (x[k] - C[k, c])
+            if a < lobes:
+                cost -= dark * step * step
     return max(cost, 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def normal_equations(
-    lobes: int, bent: bool, M: Array, before: Array, C: Array, H: Array, g: Array, work: Array
+    lobes: int, bent: bool, dark: float, M: Array, before: Array, C: Array, H: Array, g: Array, work: Array
 ) -> None:
     """Kaufman's projected normal matrix and gradient for colours C; the residual in M is that of `before`."""
     shapes, columns, channels, first_rest, _ = layout(lobes, bent)
@@ -122,7 +137,7 @@ def normal_equations(
     for a in range(columns):
         for k in range(a):
             A[a, k] = A[k, a] = M[first_value + a, first_value + k] * x[a] * x[k]
-        A[a, a] = M[first_value + a, first_value + a] * (1.0 + RIDGE) + 1e-14
+        A[a, a] = M[first_value + a, first_value + a] * (1.0 + RIDGE) + (dark if a < lobes else 0.0) + 1e-14
     invert(A, columns, inverse)
     for k in range(shapes):
         for a in range(columns):
@@ -149,10 +164,14 @@ def normal_equations(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def penalty(p: Array, centre: Array, stiffness: Array) -> float:
+def penalty(p: Array, centre: Array, stiffness: Array, dark: float, C: Array, lobes: int, channels: int) -> float:
+    """Cost of the priors on shapes and amplitudes."""
     total = 0.0
     for k in range(stiffness.size):
         total += stiffness[k] * (p[k] - centre[k]) ** 2
+    for k in range(lobes):
+        for c in range(channels):
+            total += dark * C[k, c] * C[k, c]
     return total
 
 
@@ -173,13 +192,14 @@ def descend(
     wide: float,
     centre: Array,
     stiffness: Array,
+    dark: float,
     iterations: int,
     tolerance: float,
     big: Array,
     small: Array,
 ) -> float:
-    """Levenberg-Marquardt from the shapes p (in place); colours into C, the cost without the prior returned."""
-    shapes = layout(lobes, bent)[0]
+    """Levenberg-Marquardt from the shapes p (in place); colours into C, the cost without the priors returned."""
+    shapes, _, channels, _, _ = layout(lobes, bent)
     M, M_new = big[0], big[1]
     H, damped, F = big[2], big[3], big[4]
     g, step, trial = small[0], small[1], small[2, : p.size]
@@ -188,11 +208,11 @@ def descend(
     before[:] = 0.0
     confine(p, lobes, narrow, wide)
     evaluate(tail, lobes, bent, p, before, S, L, root, Y, scale, R, M)
-    data = colours(lobes, bent, M, before, C, work)
-    cost = data + penalty(p, centre, stiffness)
+    data = colours(lobes, bent, dark, M, before, C, work)
+    cost = data + penalty(p, centre, stiffness, dark, C, lobes, channels)
     damping = DAMPING_START
     for _ in range(iterations):
-        normal_equations(lobes, bent, M, before, C, H, g, work)
+        normal_equations(lobes, bent, dark, M, before, C, H, g, work)
         largest = 0.0
         for k in range(shapes):
             H[k, k] += stiffness[k]
@@ -215,8 +235,8 @@ def descend(
                     trial[k] += min(max(step[k], -1.0), 1.0)
                 confine(trial, lobes, narrow, wide)
                 evaluate(tail, lobes, bent, trial, C, S, L, root, Y, scale, R, M_new)
-                new_data = colours(lobes, bent, M_new, C, new, work)
-                new_cost = new_data + penalty(trial, centre, stiffness)
+                new_data = colours(lobes, bent, dark, M_new, C, new, work)
+                new_cost = new_data + penalty(trial, centre, stiffness, dark, new, lobes, channels)
                 if new_cost < cost:
                     accepted = True
                     gain = cost - new_cost
@@ -265,8 +285,8 @@ def lone(
     for i in range(root.size):
         R[LOBE_SIZE + 1, i] = L[2, i] * root[i]
     descend(
-        tail, 1, False, p, C, S, L, root, one, R, scale, narrow, wide, centre, stiffness, iterations, tolerance,
-        big, small,
+        tail, 1, False, p, C, S, L, root, one, R, scale, narrow, wide, centre, stiffness, 0.0, iterations,
+        tolerance, big, small,
     )  # fmt: skip
 
 
@@ -296,6 +316,7 @@ def fit_block(
     wide: float,
     centre: Array,
     stiffness: Array,
+    dark: Array,
     iterations: int,
     scouts: int,
     tolerance: float,
@@ -316,6 +337,8 @@ def fit_block(
         Smallest width of a lobe; `wide` is the largest.
     centre, stiffness : (texel, K)
         Prior: F + Σ ρ_k (p_k - p̄_k)².
+    dark : (texel,) bool
+        Whether a prior holds the amplitudes of Gaussian lobes, one of two or over a bent diffuse term.
     iterations, scouts
         At most; the scouts are those of the lone GGX lobe that two lobes start from.
     warm
@@ -363,7 +386,7 @@ def fit_block(
                     R[shapes + lobes, i] = L[2, i] * root[i]
             F[t] = descend(
                 tail, lobes, bent, p, best, S, L, root, Y, R, scale, narrow[t], wide, centre[t], stiffness[t],
-                iterations, tolerance, big, small,
+                UNSEEN if dark[t] and tail == GAUSSIAN else 0.0, iterations, tolerance, big, small,
             )  # fmt: skip
             C[t] = best[:columns]
         P[t] = p

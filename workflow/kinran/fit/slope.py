@@ -191,7 +191,7 @@ def fit(
     grid = _Lights.of(lights, slopes)
     least = resolution(lights, lobes) if narrow is None else max(narrow, NARROWEST)
     size = LOBE_SIZE * lobes + DIFFUSE_SIZE
-    given = _Given(np.full(count, least), np.zeros((count, size)), np.zeros((count, size)))
+    given = _Given(np.full(count, least), np.zeros((count, size)), np.zeros((count, size)), np.zeros(count, bool))
     shared, of_shared = np.zeros(0, np.intp), given
     if priors is not None and region is not None:
         given = _Given.of(priors, region, least, lobes)
@@ -244,17 +244,20 @@ class _Given:
     narrow: Array
     centre: Array
     stiffness: Array
+    dark: NDArray[np.bool_]
+    """Texels of regions whose prior was given no weight at all (`kinran.fit.strength`): amplitudes are held instead."""
 
     @classmethod
     def of(cls, priors: list[Prior], region: NDArray[np.intp], resolved: float, lobes: int) -> "_Given":
         """What the priors say, and the lights where these do not."""
         narrow = np.array([max(p.narrow(resolved), NARROWEST) for p in priors])
         centre, stiffness = np.stack([p.centre for p in priors]), np.stack([p.stiffness() for p in priors])
-        return cls(narrow[region], centre[region], stiffness[region])
+        dark = np.array([p.variance == 0 for p in priors])
+        return cls(narrow[region], centre[region], stiffness[region], dark[region])
 
     def part(self, at: slice | NDArray[np.intp]) -> "_Given":
         """Of some texels."""
-        return _Given(self.narrow[at], self.centre[at], self.stiffness[at])
+        return _Given(self.narrow[at], self.centre[at], self.stiffness[at], self.dark[at])
 
 
 @dataclass(frozen=True)
@@ -320,6 +323,7 @@ def _run(
         MAX_WIDTH,
         given.centre,
         given.stiffness,
+        given.dark,
         iterations,
         SCOUTS,
         TOLERANCE,

@@ -33,7 +33,8 @@ def weigh(
 
     A prior says that a region has one shape and texels differ by little. Where it has several, as where some texels
     see a highlight and others have it between their lights, few samples do not outvote it. So it is kept whole unless
-    less of it is surely better, by pairs of lights.
+    less of it is surely better, by pairs of lights. Where nothing of it is left, `slope.fit` holds the amplitudes of
+    Gaussian lobes instead.
 
     Parameters
     ----------
