@@ -75,4 +75,5 @@ def _of_harmonics(lights: Array, values: Array) -> tuple[Array, Array]:
     normal = B.T @ B
     normal += RIDGE * np.trace(normal) / len(normal) * np.eye(len(normal))
     right = basis(dense) @ np.linalg.solve(normal, B.T @ values)
-    return nodes[:, :2], np.linalg.lstsq(kernel_matrix(dense[:, :2], nodes[:, :2]), right, rcond=NOISE)[0]
+    weights = np.linalg.lstsq(kernel_matrix(dense[:, :2], nodes[:, :2]), right, rcond=NOISE)[0]
+    return nodes[:, :2], np.asarray(weights, float)
