@@ -65,8 +65,9 @@ def main(argv: list[str] | None = None) -> int:
             command.formatter_class = argparse.RawDescriptionHelpFormatter
             stage.add_arguments(command)
     args, rest = parser.parse_known_args(argv)
-    args.rest = rest
-    if rest and args.command not in ("test", "bench"):
+    if args.command == "test":
+        args.rest = rest
+    elif rest:
         parser.error(f"unknown arguments: {' '.join(rest)}")
     try:
         importlib.import_module(COMMANDS[args.command][0]).main(args)
