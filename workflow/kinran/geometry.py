@@ -67,14 +67,25 @@ def directions_to(position_mm: ArrayLike, points: Array) -> Array:
     return np.asarray(towards / np.linalg.norm(towards, axis=-1, keepdims=True))
 
 
-def falloff(position_mm: ArrayLike, points: Array) -> Array:
-    """Light (...) of a point lamp that reaches points square on, relative to the field's centre (inverse square).
+def falloff(positions_mm: ArrayLike, points: Array) -> Array:
+    """Light of point lamps that reaches points square on, relative to the field's centre (inverse square).
 
     The stack's values hold it: radiance under the lamp as it stands, over that of a white diffuser in the middle.
     π·T of a texel is its value over this, and T includes the cosine of the texel's own θ_i.
+
+    Parameters
+    ----------
+    positions_mm : (..., 3)
+        Of one lamp, or of several.
+    points : (..., 3)
+
+    Returns
+    -------
+    (lamps..., points...) float
     """
-    position = np.asarray(position_mm, float)
-    return np.asarray(np.square(position).sum(-1) / np.square(position - points).sum(-1))
+    positions = np.asarray(positions_mm, float)
+    own = np.square(positions).sum(-1).reshape(positions.shape[:-1] + (1,) * (points.ndim - 1))
+    return np.asarray(own / (own - 2 * np.tensordot(positions, points, (-1, -1)) + np.square(points).sum(-1)))
 
 
 def half_vectors(light: Array, view: Array) -> Array:

@@ -60,10 +60,10 @@ def cells(stack: Stack, box: Box, lights: NDArray[np.intp]) -> list[Cell]:
     for k in range(cell.max() + 1):
         at = np.flatnonzero(cell.ravel() == k)
         middle = points[at].mean(0)
-        directions = np.stack([geometry.directions_to(p, middle) for p in positions])
+        directions = geometry.directions_to(positions, middle)
         view = geometry.directions_to(stack.camera_mm or AFAR, middle)
         half = directions + view
-        factor = np.stack([geometry.falloff(p, points[at]) for p in positions], 1).astype(np.float32)
+        factor = geometry.falloff(positions, points[at]).T.astype(np.float32)
         found.append(Cell(at, directions, half[:, :2] / half[:, 2:], factor))
     return found
 

@@ -27,7 +27,7 @@ def predict(material: Material, stack: Stack, box: Box, lights: NDArray[np.intp]
     positions = [np.array(stack.lights[i].position_mm, float) for i in lights]
     view = geometry.directions_to(stack.camera_mm or near.AFAR, points)
     images = models.relight_texels(part, [geometry.directions_to(p, points) for p in positions], view)
-    images *= np.stack([geometry.falloff(p, points) for p in positions])[..., None].astype(np.float32)
+    images *= geometry.falloff(positions, points)[..., None].astype(np.float32)
     if part.residual is not None:
         maps = part.residual_maps()
         factors = part.residual.basis(stack.directions[lights])
