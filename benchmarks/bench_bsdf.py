@@ -346,14 +346,14 @@ print(status("VmRSS") - before, status("VmHWM") - before)
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, help="JSON file to write (default: print)")
-    parser.add_argument("--large", action="store_true", help="measure the memory of a 4096 × 4096 fabric too")
+    parser.add_argument("--large", action="store_true", help="measure the memory of 4096 × 4096 and 6144 × 6144 fabrics too")
     parser.add_argument("--only", choices=["cost", "gain", "table", "compile", "memory"])
     parser.add_argument("--variant", default="llvm_ad_rgb", help="of Mitsuba: llvm_ad_rgb or cuda_ad_rgb")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         mi.set_variant(args.variant)
-        sizes = [128, 2048, 4096] if args.large else [128, 2048]
+        sizes = [128, 2048, 4096, 6144] if args.large else [128, 2048]
         parts: dict[str, Callable[[], Any]] = {
             "compile": lambda: compile_cold(folder),
             "cost": lambda: cost(folder),
