@@ -346,7 +346,7 @@ print(status("VmRSS") - before, status("VmHWM") - before)
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, help="JSON file to write (default: print)")
-    parser.add_argument("--large", action="store_true", help="measure the memory of 4096 × 4096 and 6144 × 6144 fabrics too")
+    parser.add_argument("--large", action="store_true", help="measure the memory of 4096² and 6144² fabrics too")
     parser.add_argument("--only", choices=["cost", "gain", "table", "compile", "memory"])
     parser.add_argument("--variant", default="llvm_ad_rgb", help="of Mitsuba: llvm_ad_rgb or cuda_ad_rgb")
     args = parser.parse_args()
