@@ -4,6 +4,7 @@ import argparse
 import importlib
 import sys
 
+from kinran import command as words
 from kinran.files import InputError
 
 COMMANDS = {
@@ -63,14 +64,21 @@ def main(argv: list[str] | None = None) -> int:
             stage = importlib.import_module(module)
             command.description = (stage.__doc__ or summary).strip()
             command.formatter_class = argparse.RawDescriptionHelpFormatter
-            stage.add_arguments(command)
+            if hasattr(stage, "add_arguments"):  # commands of several words declare their own
+                stage.add_arguments(command)
+            else:
+                words.add_arguments(command, stage.main)
     args, rest = parser.parse_known_args(argv)
     if args.command == "test":
         args.rest = rest
     elif rest:
         parser.error(f"unknown arguments: {' '.join(rest)}")
     try:
-        importlib.import_module(COMMANDS[args.command][0]).main(args)
+        stage = importlib.import_module(COMMANDS[args.command][0])
+        if hasattr(stage, "add_arguments"):
+            stage.main(args)
+        else:
+            words.call(stage.main, args)
     except InputError as error:
         print(f"kinran {args.command}: {error}", file=sys.stderr)
         return 2

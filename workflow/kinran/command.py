@@ -1,0 +1,128 @@
+"""Command line of a stage, made from the types of its `main`.
+
+A stage is ``main(inputs, out, options)``: frozen dataclasses of what it reads and how, and paths of what it writes.
+So it can be called from Python, and this module makes the same call from words. Each field or parameter is annotated
+with its help: ``Annotated[Path, "label map (.exr)"]`` is ``--name``, and ``Annotated[Path, "OUT", "material (.exr)"]``
+is the positional argument ``OUT``. A function among the annotations makes the value from its word.
+"""
+
+import argparse
+import dataclasses
+import types
+import typing
+from collections.abc import Callable, Iterator
+from inspect import signature
+from typing import Annotated, Any, Literal
+
+Main = Callable[..., None]
+REQUIRED = object()
+"""Default of an argument that has to be given."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Argument:
+    """One argument of a stage.
+
+    Attributes
+    ----------
+    name
+        Of the field or the parameter.
+    kind
+        Its type, without annotations.
+    help
+        What it is.
+    word
+        Its name in the usage, for a positional argument; None for ``--name``.
+    parse
+        From a word to the value; None for what the type does.
+    default
+        `REQUIRED` where it has to be given.
+    """
+
+    name: str
+    kind: Any
+    help: str
+    word: str | None = None
+    parse: Callable[[str], Any] | None = None
+    default: Any = REQUIRED
+
+    def add_to(self, parser: argparse.ArgumentParser) -> None:
+        """Declare the argument."""
+        kind, several = _element(self.kind)
+        required = self.default is REQUIRED
+        settings: dict[str, Any] = {"help": self.help, "metavar": self.word}
+        if kind is bool:
+            settings["action"] = argparse.BooleanOptionalAction if self.default else "store_true"
+            del settings["metavar"]
+        elif typing.get_origin(kind) is Literal:
+            settings["choices"] = typing.get_args(kind)
+            settings["type"] = type(typing.get_args(kind)[0])
+        else:
+            settings["type"] = self.parse or kind
+        if several:
+            settings["nargs"] = "+" if required else "*"
+        if self.word is not None:
+            if not required and not several:
+                settings["nargs"] = "?"
+            parser.add_argument(self.name, default=None if required else self.default, **settings)
+        else:
+            flag = "--" + self.name.replace("_", "-")
+            parser.add_argument(flag, required=required, default=None if required else self.default, **settings)
+
+    def value(self, args: argparse.Namespace) -> Any:
+        """Its value; of several a tuple."""
+        value = getattr(args, self.name)
+        return tuple(value) if isinstance(value, list) else value
+
+
+def add_arguments(parser: argparse.ArgumentParser, main: Main) -> None:
+    """Declare the arguments of a stage's `main`: positional ones in the order of its parameters."""
+    for _, _, arguments in _parameters(main):
+        for argument in arguments:
+            argument.add_to(parser)
+
+
+def call(main: Main, args: argparse.Namespace) -> None:
+    """Call a stage's `main` with what stood on the command line."""
+    given = {}
+    for name, group, arguments in _parameters(main):
+        values = {argument.name: argument.value(args) for argument in arguments}
+        given[name] = values[name] if group is None else group(**values)
+    main(**given)
+
+
+def _parameters(main: Main) -> Iterator[tuple[str, Any, list[Argument]]]:
+    """Name of each parameter of `main`, its dataclass or None, and its arguments."""
+    hints = typing.get_type_hints(main, include_extras=True)
+    for name, parameter in signature(main).parameters.items():
+        hint = hints[name]
+        if dataclasses.is_dataclass(hint):
+            fields = typing.get_type_hints(hint, include_extras=True)
+            yield name, hint, [_argument(f.name, fields[f.name], _default(f)) for f in dataclasses.fields(hint)]
+        else:
+            default = REQUIRED if parameter.default is parameter.empty else parameter.default
+            yield name, None, [_argument(name, hint, default)]
+
+
+def _default(field: "dataclasses.Field[Any]") -> Any:
+    if field.default_factory is not dataclasses.MISSING:
+        return field.default_factory()
+    return REQUIRED if field.default is dataclasses.MISSING else field.default
+
+
+def _argument(name: str, hint: Any, default: Any) -> Argument:
+    if typing.get_origin(hint) is not Annotated:
+        raise TypeError(f"{name}: is not annotated with its help")
+    kind, *notes = typing.get_args(hint)
+    words = [note for note in notes if isinstance(note, str)]
+    parse = next((note for note in notes if callable(note)), None)
+    return Argument(name, kind, words[-1], words[0] if len(words) > 1 else None, parse, default)
+
+
+def _element(kind: Any) -> tuple[Any, bool]:
+    """Type of one value, and whether there are several."""
+    if typing.get_origin(kind) in (typing.Union, types.UnionType):
+        (kind,) = (k for k in typing.get_args(kind) if k is not types.NoneType)
+    if typing.get_origin(kind) is tuple and typing.get_args(kind)[-1] is Ellipsis:
+        return typing.get_args(kind)[0], True
+    return kind, False
