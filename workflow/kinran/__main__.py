@@ -2,10 +2,14 @@
 
 import argparse
 import importlib
+import logging
 import sys
 
 from kinran import command as words
 from kinran.files import InputError
+from kinran.log import to_stderr
+
+log = logging.getLogger("kinran")
 
 COMMANDS = {
     "demo": ("kinran.demo", "run the whole pipeline on the virtual rig"),
@@ -73,6 +77,7 @@ def main(argv: list[str] | None = None) -> int:
         args.rest = rest
     elif rest:
         parser.error(f"unknown arguments: {' '.join(rest)}")
+    to_stderr()
     try:
         stage = importlib.import_module(COMMANDS[args.command][0])
         if hasattr(stage, "add_arguments"):
@@ -80,10 +85,10 @@ def main(argv: list[str] | None = None) -> int:
         else:
             words.call(stage.main, args)
     except InputError as error:
-        print(f"kinran {args.command}: {error}", file=sys.stderr)
+        log.error("kinran %s: %s", args.command, error)
         return 2
     except KeyboardInterrupt:
-        print(f"kinran {args.command}: stopped", file=sys.stderr)
+        log.error("kinran %s: stopped", args.command)
         return 130
     return 0
 
