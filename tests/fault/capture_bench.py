@@ -30,7 +30,7 @@ DEVICE = {"device": "fake"}
 
 def small_plan() -> Plan:
     """Eight lights, eight monitors, three exposures."""
-    from kinran.plan import plan_grid  # it imports numpy, which the host need not
+    from kinran.grid import plan_grid  # it imports numpy, which the host need not
 
     return plan_grid("silk", [0, 30], 8, EXPOSURES, meridians=8)
 

@@ -13,8 +13,8 @@ from capture_bench import DEVICE, EXPOSURES, Bench, check, small_plan
 
 from kinran.__main__ import main
 from kinran.files import InputError
+from kinran.grid import plan_grid
 from kinran.journal import Journal, read
-from kinran.plan import plan_grid
 from kinran.plans import write_plan
 from kinran.rig.camera import CameraError
 from kinran.rig.errors import DisconnectedError, FaultError, LimitError, RigError

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from kinran.__main__ import main
-from kinran.plan import plan_grid
+from kinran.geometry import Distances
+from kinran.grid import plan_grid
 from kinran.plans import Plan, write_plan
 from kinran.rig.ledger import mdeg
 from kinran.virtual.camera import CACHE
@@ -21,7 +22,7 @@ SCENE = {"texels": 16, "seed": 5}
 def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Plan:
     """Two groups of eight lights, each with repeats of θ = 0; what the path tracer would say is there already."""
     monkeypatch.chdir(tmp_path)
-    plan = plan_grid("swatch", (0, 30), 16, (1 / 25, 1 / 1000), 8, lamp_mm=600.0, field_mm=4.8)
+    plan = plan_grid("swatch", (0, 30), 16, (1 / 25, 1 / 1000), 8, Distances(lamp_mm=600.0, field_mm=4.8))
     fabric = VirtualFabric(**SCENE)
     for shot in (shot for group in plan.groups for shot in group.shots):
         theta, phi = mdeg(shot.theta), mdeg(shot.phi) if shot.theta else 0
