@@ -390,6 +390,6 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert "revision of 'x'" in capsys.readouterr().err
     assert not (tmp_path / "groups").exists()
     for wrong in ("[1]", "{"):
-        with pytest.raises(SystemExit):
-            main([*words, "--device", "virtual", "--virtual", wrong, out])
+        assert main([*words, "--device", "virtual", "--virtual", wrong, out]) == 2
+        assert f"'{wrong}': is not" in capsys.readouterr().err
     assert DEVICE == {"device": "fake"}

@@ -26,14 +26,7 @@ def test_the_figure_lands_in_its_corner(tmp_path: Path, monkeypatch: pytest.Monk
     write_plan(plan_path, plan)
     manifests = [plan_path.parent / "groups" / f"{group.name}.json" for group in plan.groups]
     for group, manifest in zip(plan.groups, manifests, strict=True):
-        arguments = {
-            "plan": plan_path,
-            "group": group.name,
-            "device": "virtual",
-            "virtual": SCENE,
-            "revisions": {},
-        }
-        capture.main(argparse.Namespace(**arguments, out=manifest))
+        capture.main(capture.Inputs(plan_path), manifest, capture.Options(group.name, "virtual", SCENE))
     calibration, out = tmp_path / "calibration.json", tmp_path / "radiance.zarr"
     calibrate.main(
         argparse.Namespace(plan=plan_path, manifests=manifests, out=calibration, chart=None, chart_corners="", lamp="")
