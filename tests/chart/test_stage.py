@@ -10,7 +10,8 @@ from kinran.__main__ import main
 from kinran.chart import methods, rows, stage
 from kinran.files import write_json
 from kinran.labels import Region, write_labels, write_regions
-from kinran.stack import Light, write_metadata, write_shards
+from kinran.radiance.value import Radiance
+from kinran.stack import Light, Metadata, write_metadata, write_shards
 from kinran_bsdf.material import Material, write_material
 
 
@@ -21,10 +22,11 @@ def folder(tmp_path: Path) -> Path:
     samples = np.concatenate([tried.T, tried.truth], 2)
     directions = np.concatenate([tried.lights, tried.held_out])
     radiance = samples.transpose(2, 0, 1).reshape(len(directions), *SHAPE, 3)
-    lights = [Light(f"l{k}", tuple(d), held_out=k >= len(tried.lights)) for k, d in enumerate(directions.tolist())]
+    named = enumerate(directions.tolist())
+    lights = tuple(Light(f"l{k}", tuple(d), held_out=k >= len(tried.lights)) for k, d in named)
     stack = tmp_path / "radiance.zarr"
-    write_shards(stack, 0, radiance, np.zeros(radiance.shape, np.uint8))
-    write_metadata(stack, lights, *SHAPE, None, "", "", "camera", np.eye(3), {"kind": "photograph"})
+    write_shards(stack, 0, Radiance.unflagged(radiance))
+    write_metadata(stack, Metadata(lights, *SHAPE, None, "", "", "camera", np.eye(3), {"kind": "photograph"}))
     labels = tried.region.reshape(SHAPE)
     one = np.ones(SHAPE, np.float32)
     write_labels(tmp_path / "labels.exr", labels, one, labels, one)
@@ -73,9 +75,9 @@ def test_from_files_to_files(folder: Path, monkeypatch: pytest.MonkeyPatch, caps
 
 def test_a_material_of_another_size(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     stack = folder / "other.zarr"
-    lights = [Light(f"l{k}", (0.1 * k, 0.0, (1 - 0.01 * k * k) ** 0.5), held_out=k == 2) for k in range(8)]
-    write_shards(stack, 0, np.ones((8, 20, 20, 3), np.float32), np.zeros((8, 20, 20, 3), np.uint8))
-    write_metadata(stack, lights, 20, 20, None, "", "", "camera", np.eye(3), {"kind": "photograph"})
+    lights = tuple(Light(f"l{k}", (0.1 * k, 0.0, (1 - 0.01 * k * k) ** 0.5), held_out=k == 2) for k in range(8))
+    write_shards(stack, 0, Radiance.unflagged(np.ones((8, 20, 20, 3), np.float32)))
+    write_metadata(stack, Metadata(lights, 20, 20, None, "", "", "camera", np.eye(3), {"kind": "photograph"}))
     labels = np.zeros((20, 20), np.intp)
     one = np.ones((20, 20), np.float32)
     write_labels(folder / "labels.exr", labels, one, labels, one)

@@ -11,7 +11,8 @@ from kinran import encoding
 from kinran.chart import trial
 from kinran.files import InputError
 from kinran.frames import direction
-from kinran.stack import HOT, SATURATED, Light, Stack, write_metadata, write_shards
+from kinran.radiance.value import HOT, SATURATED, Radiance
+from kinran.stack import Light, Metadata, Stack, write_metadata, write_shards
 
 NOISE = {
     "kind": "raw",
@@ -23,15 +24,15 @@ NOISE = {
 
 def stack_of(folder: Path, held: tuple[int, ...], encoded: str = "") -> Stack:
     """A stack of 6 × 10 texels under 8 lights: light k shows k + 1 (a tenth of it when encoded)."""
-    lights = [Light(f"l{k}", tuple(direction(0.15 * k, 0.7 * k)), held_out=k in held) for k in range(8)]
+    lights = tuple(Light(f"l{k}", tuple(direction(0.15 * k, 0.7 * k)), held_out=k in held) for k in range(8))
     values = (np.arange(8, dtype=np.float32) + 1) * (0.1 if encoded else 1.0)
     radiance = np.broadcast_to(values[:, None, None, None], (8, 6, 10, 3)).astype(np.float32).copy()
     radiance[:, 0, 0] *= 0.5
     flags = np.zeros(radiance.shape, np.uint8)
     flags[7, 1, 1, 0], flags[0, 2, 2, 1], flags[3, 1, 1, 0] = SATURATED, HOT, SATURATED
-    write_shards(folder, 0, radiance, flags)
+    write_shards(folder, 0, Radiance(radiance, flags))
     noise = {"kind": "photograph"} if encoded else NOISE
-    write_metadata(folder, lights, 6, 10, None, encoded, "", "camera", np.eye(3), noise)
+    write_metadata(folder, Metadata(lights, 6, 10, None, encoded, "", "camera", np.eye(3), noise))
     return Stack.open(folder)
 
 

@@ -9,7 +9,8 @@ from kinran import frames
 from kinran.bench.texels import Split, microfacets, noisy
 from kinran.fit import bounded, learned, samples, slope
 from kinran.fit.predict import predict
-from kinran.stack import SATURATED, Light, Stack, write_metadata, write_shards
+from kinran.radiance.value import SATURATED, Radiance
+from kinran.stack import Light, Metadata, Stack, write_metadata, write_shards
 
 COUNT = 100
 NO_REGION = np.zeros(COUNT, np.intp)
@@ -100,12 +101,13 @@ def test_a_lobe_of_ggx_as_two_gaussians() -> None:
 
 def test_bounds_of_a_stack(tmp_path: Path) -> None:
     """Only where a sample is saturated and no defect; none at all where nothing is."""
-    lights = [Light(f"l{k}", (0.1 * k, 0.0, (1 - 0.01 * k * k) ** 0.5)) for k in range(4)]
+    lights = tuple(Light(f"l{k}", (0.1 * k, 0.0, (1 - 0.01 * k * k) ** 0.5)) for k in range(4))
+    metadata = Metadata(lights, 2, 2, None, "", "", "camera", np.eye(3), {"kind": "none"})
     flags = np.zeros((4, 2, 2, 3), np.uint8)
     for name, bits in (("none", 0), ("some", SATURATED)):
         flags[1, 0, 1, 2] = bits
-        write_shards(tmp_path / name, 0, np.full(flags.shape, 0.5, np.float32), flags)
-        write_metadata(tmp_path / name, lights, 2, 2, None, "", "", "camera", np.eye(3), {"kind": "none"})
+        write_shards(tmp_path / name, 0, Radiance(np.full(flags.shape, 0.5, np.float32), flags))
+        write_metadata(tmp_path / name, metadata)
     assert samples.read(Stack.open(tmp_path / "none"), (0, 2, 0, 2)).bounds is None
     tile = samples.read(Stack.open(tmp_path / "some"), (0, 2, 0, 2))
     assert tile.bounds is not None

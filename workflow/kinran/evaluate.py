@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from kinran import encoding, metrics, pictures, prediction
 from kinran.files import InputError, read_json, write_json
 from kinran.labels import LabelMap, Region, read_labels, read_regions
-from kinran.stack import HOT, SATURATED, SHIFTED, Light, Stack
+from kinran.radiance.value import HOT, SATURATED, SHIFTED
+from kinran.stack import Light, Stack
 from kinran_bsdf.colours import TO_REC709
 from kinran_bsdf.material import read_material
 
@@ -87,10 +88,10 @@ def _read(stack: Stack, use: NDArray[np.intp]) -> tuple[Images, Images]:
     valid = np.zeros_like(truth)
     bad = HOT | SHIFTED | (0 if stack.encoding else SATURATED)
     for y0, y1, x0, x1 in stack.tiles():
-        radiance, flags = stack.read_tile(y0, y1, x0, x1, lights=use)
-        ok = ((flags & bad) == 0) & np.isfinite(radiance)
+        seen = stack.read_tile(y0, y1, x0, x1, lights=use)
+        ok = ~seen.has(bad) & np.isfinite(seen.value)
         valid[:, y0:y1, x0:x1] = ok
-        truth[:, y0:y1, x0:x1] = np.where(ok, radiance, 0)
+        truth[:, y0:y1, x0:x1] = np.where(ok, seen.value, 0)
     return truth, valid
 
 

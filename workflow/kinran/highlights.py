@@ -203,7 +203,7 @@ def find_highlights(paths: Sequence[Path], circle: Circle) -> list[tuple[float, 
     crop = photographs.Crop(left, top, side, side)
     pictures: list[Image] = []
     for path in paths:
-        light = photographs.read(path, parse("linear"), crop).light
+        light = photographs.read(path, parse("linear"), crop).value
         pictures.append(light[::-1].mean(-1))
         if sys.stderr.isatty():
             print(f"\rphotograph {len(pictures)} of {len(paths)}", end="", file=sys.stderr, flush=True)

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from kinran.files import InputError, check_name, read_json, write_json
+from kinran.shards import SHARD
 
 VERSION = 1
-SHARD = 8
-"""Lights in one shard of the radiance stack."""
 LIST_GROUP = 64
 """Lights in a group of a list of photographs: eight whole shards."""
 

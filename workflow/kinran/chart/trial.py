@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from kinran import encoding, frames
 from kinran.files import InputError
 from kinran.labels import LabelMap
-from kinran.stack import HOT, SATURATED, SHIFTED, Stack
+from kinran.radiance.value import HOT, SATURATED, SHIFTED
+from kinran.stack import Stack
 
 Samples = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -127,7 +128,8 @@ def read(stack: Stack, labels: LabelMap, to_rec709: Array, second: LabelMap | No
         raise InputError(f"{stack.path}: its {stack.height} × {stack.width} texels are not those of the label map")
     height, width = min(stack.height, SIDE), min(stack.width, SIDE)
     y, x = (stack.height - height) // 2, (stack.width - width) // 2
-    radiance, flags = stack.read_tile(y, y + height, x, x + width)
+    seen = stack.read_tile(y, y + height, x, x + width)
+    radiance, flags = seen.value, seen.flags
     held = stack.held_out
     T = _texels(np.asarray(np.nan_to_num(radiance[~held], posinf=0, neginf=0), np.float32))
     truth, bits = _texels(radiance[held]), _texels(flags[held])

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from kinran import encoding
 from kinran.labels import LabelMap
-from kinran.stack import HOT, SATURATED, SHIFTED, Stack
+from kinran.radiance.value import HOT, SATURATED, SHIFTED
+from kinran.stack import Stack
 
 SATURATED_WEIGHT = 0.2
 """A saturated sample says only 'at least this much': it keeps a little of its say."""

@@ -1,7 +1,6 @@
 """Shutter times: what a camera means by 1/25 s, and what the pictures say of it."""
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -11,8 +10,8 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from kinran.files import InputError
-from kinran.radiance.bracket import Response, ratio_sums
-from kinran.radiance.calibration import Exposure
+from kinran.radiance.calibration import Exposure, Response
+from kinran.radiance.estimator import ratio_sums
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.uint16]
@@ -31,8 +30,6 @@ BANDS = 16
 LEAST_IN_BAND = 50
 LEAST_SITES = 100
 """Sites that are enough to tell the ratio of two exposures, if its noise is under 1 %."""
-
-IN_NAME = re.compile(r"_(?:(1)-(\d+)|(\d+(?:\.\d+)?)(m?))s(?=_|$)")
 
 
 @dataclass(frozen=True)
@@ -81,15 +78,6 @@ def parse_times(text: str) -> list[float]:
         if not 0 < times[-1] < 1e5:
             raise InputError(f"times '{text}': '{word}' is not a time over 0 s")
     return times
-
-
-def time_in_name(stem: str) -> float:
-    """Seconds in a file's name: ``cloth_25ms``, ``cloth_0.004s_2``, ``cloth_1-250s``; 0 if there are none."""
-    found = IN_NAME.search(stem)
-    if not found:
-        return 0.0
-    one, whole, number, milli = found.groups()
-    return 1 / float(whole) if one else float(number) * (1e-3 if milli else 1.0)
 
 
 def curtain(coefficients: Sequence[float], rows: int) -> Array:

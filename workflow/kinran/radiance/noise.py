@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from kinran.radiance.bracket import MARGIN, TAPER
+from kinran.radiance.calibration import MARGIN
+from kinran.radiance.estimator import TAPER
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.uint16]

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran.files import InputError
-from kinran.radiance.bracket import Response
-from kinran.radiance.calibration import Exposure
+from kinran.radiance.calibration import Exposure, Response
 from kinran.radiance.exposures import discrepancy, measure, third_stop
 from kinran.radiance.shots import MISLABELLED, Bracket, light_of, site_black
 

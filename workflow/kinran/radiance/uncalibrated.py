@@ -1,7 +1,7 @@
 """A camera as its brackets alone describe it, where nobody has shot a calibration."""
 
+import logging
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from kinran.encoding import Encoding, parse
 from kinran.files import InputError
 from kinran.photographs import CLIPPED, Crop
-from kinran.radiance.bracket import MARGIN, Response, guarded
-from kinran.radiance.calibration import Camera
+from kinran.radiance.calibration import MARGIN, CalibratedCamera, Response
+from kinran.radiance.estimator import guarded
 from kinran.radiance.exposures import discrepancy, measure, row_seconds, third_stop
 from kinran.radiance.noise import measure_noise
 from kinran.radiance.response import CODES, Curve, recover
@@ -20,6 +20,8 @@ from kinran.radiance.shots import FULL, MISLABELLED, Bracket, check_kind, read_c
 from kinran.radiance.superpixels import mislabelled
 
 Array = NDArray[np.float64]
+
+log = logging.getLogger(__name__)
 
 PILED = 2e-4
 """Share of sites at one count that shows that they are full."""
@@ -35,7 +37,7 @@ UNSTEADY = 0.05
 RECOVERED = "recovered"
 
 
-def describe(brackets: Sequence[Bracket]) -> Camera:
+def describe(brackets: Sequence[Bracket]) -> CalibratedCamera:
     """Saturation, noise and shutter times of a camera from brackets of still scenes.
 
     Parameters
@@ -60,17 +62,17 @@ def describe(brackets: Sequence[Bracket]) -> Camera:
         if abs(off) > MISLABELLED:
             raise mislabelled(first, blacks[0], k, 1 / (1 + off))
         if abs(off) > WARNED:
-            print(
-                f"{nominal[k]:g} s is {1 + off:.3f} times what its name says beside {nominal[k + 1]:g} s; the pictures"
-                " are believed",
-                file=sys.stderr,
+            log.warning(
+                "%g s is %.3f times what its name says beside %g s; the pictures are believed",
+                nominal[k],
+                1 + off,
+                nominal[k + 1],
             )
     rows = row_seconds([e.seconds for e in exposures], [e.curtain for e in exposures], first.planes.shape[2])
     noises = [measure_noise(b.planes, black, rows, rough.clip) for b, black in zip(brackets[:4], blacks, strict=False)]
     gain, read, coding = (float(np.median(part)) for part in zip(*noises, strict=True))
     black = tuple(float(value) for value in (np.zeros(planes) if first.masked else blacks[0].mean(0)))
-    white = (1.0, 1.0, 1.0)
-    return Camera(black, first.masked, Response(saturation, gain, read, coding), exposures, (), white, None, None)
+    return CalibratedCamera(black, first.masked, Response(saturation, gain, read, coding), exposures, bad=())
 
 
 def saturation_of(brackets: Sequence[Bracket]) -> float:
