@@ -18,6 +18,7 @@ from kinran.radiance.raw import RAW, is_raw, raw_size
 from kinran.radiance.value import SATURATED, Radiance
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr")
+"""Suffixes of photographs."""
 CLIPPED = 254 / 255
 """A value from here on is saturated: a JPEG's white is not always its last code."""
 

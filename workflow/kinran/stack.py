@@ -25,7 +25,9 @@ from kinran.shards import NAMES, SHARD, shard_path
 Box = tuple[int, int, int, int]
 
 CHUNK = 64
+"""Side of a chunk in texels: what a fit reads at a time."""
 LARGEST = float(np.finfo(np.float16).max)
+"""Largest value that a stack holds."""
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,10 @@ from kinran.files import InputError, read_json, write_json
 from kinran.radiance.flat import Flat
 
 VERSION = 2
+"""Of the file's layout."""
 MARGIN = 0.99
-"""Counts over this share of the measured saturation are saturated."""
+"""Counts over this share of the measured saturation are saturated. Too low biases nothing, and 0.95 costs 6 % of RMSE;
+too high biases: by 4.8 % where 10 % too high (on the synthetic camera of ``kinran bench merge``)."""
 
 
 @dataclass(frozen=True)

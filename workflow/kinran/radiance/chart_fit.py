@@ -16,7 +16,10 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MOST_DELTA_E = 6.0
+"""A median ΔE00 over this is that of no chart: real patches in three narrow bands of light have 5.1 on average
+(``kinran bench merge --data``)."""
 LEAST_PATCHES = 15
+"""Patches that are enough for a fit: over twice the six terms of a root polynomial."""
 ROOT_GAIN, LEAST_GAIN = 0.9, 0.1
 """Root polynomials are taken where their leave-one-out ΔE00 is under this share of the matrix's, and lower by this."""
 

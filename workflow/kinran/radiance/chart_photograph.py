@@ -15,7 +15,7 @@ from kinran.radiance.response import Curve
 from kinran.radiance.value import SATURATED, Radiance
 
 LARGEST = 1200
-"""Pixels along the longer side that a chart is looked for in."""
+"""Pixels along the longer side of the picture in which a chart is looked for: the detector's time grows with them."""
 
 
 def calibrate_colours(calibration: Calibration, path: Path, corners: str, lamp: str) -> Calibration:

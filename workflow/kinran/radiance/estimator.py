@@ -22,13 +22,15 @@ Counts = NDArray[np.uint16]
 Array = NDArray[np.float64]
 
 TAPER = 0.92
-"""From this share of saturation on an exposure loses its say, so that no step shows where it ends."""
+"""From this share of saturation on an exposure loses its weight, so that no step shows where it ends. 0.80 costs 30 to
+45 % of RMSE in the tenth of a decade under saturation, this under 1 % (on the synthetic camera of ``kinran bench
+merge``)."""
 DARK_SIGMA = 3.0
 """A value under so many of its standard deviations is flagged as dark."""
 GUARD = 2
-"""Pixels around a saturated one of a photograph that do not tell the ratio of exposures."""
+"""Pixels around a saturated one of a photograph that do not tell the ratio of exposures: demosaicing reaches so far."""
 CHANCE = 1e-7
-"""How seldom noise alone makes the exposures of a site disagree."""
+"""How seldom noise alone makes the exposures of a site disagree: at one site of ten megapixels."""
 
 
 class Merged(NamedTuple):

@@ -23,11 +23,13 @@ DIAL = (
 )
 """Times in thirds of a stop, as cameras name them."""
 NAMED = 0.006
-"""A time that is as close to one of the dial is meant by it."""
+"""A time that is as close, relative, to one of the dial is meant by it."""
 DEGREE = 3
-"""Of the polynomial for the travel of the curtains."""
+"""Degree of the polynomial for the travel of the curtains."""
 BANDS = 16
+"""Bands of rows that the polynomial is fitted to: four for each of its coefficients."""
 LEAST_IN_BAND = 50
+"""Lit sites that a band needs to tell its ratio."""
 LEAST_SITES = 100
 """Sites that are enough to tell the ratio of two exposures, if its noise is under 1 %."""
 

@@ -12,6 +12,7 @@ from kinran.radiance.value import HOT, SATURATED, Image, Radiance
 Array = NDArray[np.float64]
 
 DEGREE = 4
+"""Degree of the surface: the light of a lens falls with the fourth power of the cosine of the field angle."""
 PAIRS = tuple((i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i))
 """Degrees in y and x of the products."""
 MOST_TEXELS = 100_000

@@ -10,6 +10,7 @@ from kinran.radiance.raw import is_raw
 EXIF, TIME = 0x8769, 0x829A
 """Tags of EXIF: the directory of the exposure, and ExposureTime in it."""
 IN_NAME = re.compile(r"_(?:(1)-(\d+)|(\d+(?:\.\d+)?)(m?))s(?=_|$)")
+"""``_1-250s``, ``_0.004s`` or ``_4ms``, at the end of a name or before another ``_``."""
 
 
 def nominal_seconds(path: Path) -> float:

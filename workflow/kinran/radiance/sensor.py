@@ -13,7 +13,10 @@ from kinran.radiance.shots import MISLABELLED, Bracket, light_of, site_black
 Array = NDArray[np.float64]
 
 HOT_SIGMA = 6.0
+"""A site that is brighter in darkness by so many standard deviations is hot: noise alone makes one of a thousand
+million so."""
 MOST_BAD = 0.01
+"""A larger share of hot or dead sites is that of a lens that was not covered."""
 
 
 def measure_dark(dark: Bracket) -> tuple[tuple[float, float, float, float], float, NDArray[np.bool_]]:

@@ -18,13 +18,15 @@ from kinran.radiance.response import Curve
 from kinran.radiance.value import Image, Radiance
 
 MISLABELLED = 0.10
-"""An exposure that is further than this from its calibrated time is another one."""
+"""An exposure that is further than this, relative, from its calibrated time is another one: dials go by 26 %."""
 FULL = 65535
 """Counts of white of a photograph."""
 APERTURE = 0.02
+"""Relative difference of ISO or aperture within a bracket that rounding in EXIF explains."""
 STRIP = 64
 """Rows of a photograph that are decoded at a time, so that what is temporary stays small."""
 SAME_KIND = {".jpeg": ".jpg", ".tiff": ".tif"}
+"""Suffixes of one kind of file."""
 
 
 @dataclass(frozen=True)

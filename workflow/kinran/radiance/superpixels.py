@@ -23,10 +23,13 @@ FLICKER = 0.005
 BLACK_ERROR = 0.05
 """How well the darkness of a frame is known, in counts."""
 LEAST_SITES = 50
+"""Sites that are enough to tell the ratio of two exposures, if its noise is under a thirtieth."""
 MOST_APART, MOST_APART_ENCODED = 0.05, 0.25
 """More samples than this share whose exposures disagree: a frame has moved. Photographs know their noise less well."""
 MOST_BELOW_BLACK = 1e-3
+"""Share of samples under darkness by five σ that is no accident: noise alone makes one of three million so."""
 OTHER_DEPTH = 1.03
+"""Counts over the calibrated saturation by this factor are of another ISO, bit depth or camera."""
 
 
 def merge_bracket(bracket: Bracket, camera: CalibratedCamera) -> Radiance:

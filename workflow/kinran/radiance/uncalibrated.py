@@ -26,15 +26,21 @@ log = logging.getLogger(__name__)
 PILED = 2e-4
 """Share of sites at one count that shows that they are full."""
 LEAST_PILED = 100
+"""Sites at one count without which nothing is said of saturation."""
 WARNED = 0.02
+"""A measured time that is further than this, relative, from what its name means is told to the user."""
 LEAST_SITES = 200
+"""Pixels, well exposed twice, that are enough to try an encoding on."""
 MOST_PIXELS, STRIP = 1_000_000, 32
 """Pixels that are enough to tell an encoding, and rows of a strip of them."""
 LEAST_CODE = 8 / 255
+"""Codes under this are mostly rounding in 8 bits, and say nothing of an encoding."""
 STEADY_LAMP = 0.04
+"""Logarithm by which lamp and shutter may change the ratio of two exposures."""
 UNSTEADY = 0.05
 """An encoding under which the ratio of two exposures varies more with the level is not that of the photographs."""
 RECOVERED = "recovered"
+"""Name of an encoding that no formula has: the response that the bracket itself shows."""
 
 
 def describe(brackets: Sequence[Bracket]) -> CalibratedCamera:
