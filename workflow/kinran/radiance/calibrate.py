@@ -60,7 +60,7 @@ class Inputs:
     chart: Annotated[
         Path | None,
         "--chart FILE",
-        "of photographs: one of a colour chart, taken as they are and under the same light",
+        "photograph of a colour chart, taken as the set is and under the same light; for photographs alone",
     ] = None
 
 
