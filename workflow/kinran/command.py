@@ -3,7 +3,9 @@
 A stage is ``main(inputs, out, options)``: frozen dataclasses of what it reads and how, and paths of what it writes.
 So it can be called from Python, and this module makes the same call from words. Each field or parameter is annotated
 with its help: ``Annotated[Path, "label map (.exr)"]`` is ``--name``, and ``Annotated[Path, "OUT", "material (.exr)"]``
-is the positional argument ``OUT``. A function among the annotations makes the value from its word.
+is the positional argument ``OUT``; ``"--crop X,Y,W,H"`` in that place is an option whose value has a name. A function
+among the annotations makes the value from its word, and says by an `InputError` what is wrong with it. Several values
+may follow one ``--name``, or each its own.
 """
 
 import argparse
@@ -32,11 +34,13 @@ class Argument:
     help
         What it is.
     word
-        Its name in the usage, for a positional argument; None for ``--name``.
+        As it stands in the usage: ``OUT`` for a positional argument, ``--name VALUE`` or None for an option.
     parse
         From a word to the value; None for what the type does.
     default
         `REQUIRED` where it has to be given.
+    group
+        Parameter of `main` whose field it is: `inputs` and `out` may both have a material.
     """
 
     name: str
@@ -45,15 +49,20 @@ class Argument:
     word: str | None = None
     parse: Callable[[str], Any] | None = None
     default: Any = REQUIRED
+    group: str = ""
+
+    @property
+    def dest(self) -> str:
+        """Its place among the parsed arguments."""
+        return f"{self.group}.{self.name}"
 
     def add_to(self, parser: argparse.ArgumentParser) -> None:
         """Declare the argument."""
         kind, several = _element(self.kind)
         required = self.default is REQUIRED
-        settings: dict[str, Any] = {"help": self.help, "metavar": self.word}
+        settings: dict[str, Any] = {"help": self.help}
         if kind is bool:
             settings["action"] = argparse.BooleanOptionalAction if self.default else "store_true"
-            del settings["metavar"]
         elif typing.get_origin(kind) is Literal:
             settings["choices"] = typing.get_args(kind)
             settings["type"] = type(typing.get_args(kind)[0])
@@ -61,17 +70,23 @@ class Argument:
             settings["type"] = self.parse or kind
         if several:
             settings["nargs"] = "+" if required else "*"
-        if self.word is not None:
+        if self.word is not None and not self.word.startswith("--"):
             if not required and not several:
                 settings["nargs"] = "?"
-            parser.add_argument(self.name, default=None if required else self.default, **settings)
-        else:
-            flag = "--" + self.name.replace("_", "-")
-            parser.add_argument(flag, required=required, default=None if required else self.default, **settings)
+            parser.add_argument(self.dest, metavar=self.word, **settings)
+            return
+        flag, _, value = (self.word or "--" + self.name.replace("_", "-")).partition(" ")
+        if value:
+            settings["metavar"] = value
+        if several:
+            settings["action"] = "extend"
+        parser.add_argument(flag, dest=self.dest, required=required, default=None, **settings)
 
     def value(self, args: argparse.Namespace) -> Any:
-        """Its value; of several a tuple."""
-        value = getattr(args, self.name)
+        """Its value, or its default where it was not given; of several a tuple."""
+        value = getattr(args, self.dest)
+        if value is None or value == []:
+            return None if self.default is REQUIRED else self.default
         return tuple(value) if isinstance(value, list) else value
 
 
@@ -98,7 +113,7 @@ def _parameters(main: Main) -> Iterator[tuple[str, Any, list[Argument]]]:
         hint = hints[name]
         if dataclasses.is_dataclass(hint):
             fields = typing.get_type_hints(hint, include_extras=True)
-            yield name, hint, [_argument(f.name, fields[f.name], _default(f)) for f in dataclasses.fields(hint)]
+            yield name, hint, [_argument(f.name, fields[f.name], _default(f), name) for f in dataclasses.fields(hint)]
         else:
             default = REQUIRED if parameter.default is parameter.empty else parameter.default
             yield name, None, [_argument(name, hint, default)]
@@ -110,13 +125,13 @@ def _default(field: "dataclasses.Field[Any]") -> Any:
     return REQUIRED if field.default is dataclasses.MISSING else field.default
 
 
-def _argument(name: str, hint: Any, default: Any) -> Argument:
+def _argument(name: str, hint: Any, default: Any, group: str = "") -> Argument:
     if typing.get_origin(hint) is not Annotated:
         raise TypeError(f"{name}: is not annotated with its help")
     kind, *notes = typing.get_args(hint)
     words = [note for note in notes if isinstance(note, str)]
     parse = next((note for note in notes if callable(note)), None)
-    return Argument(name, kind, words[-1], words[0] if len(words) > 1 else None, parse, default)
+    return Argument(name, kind, words[-1], words[0] if len(words) > 1 else None, parse, default, group)
 
 
 def _element(kind: Any) -> tuple[Any, bool]:

@@ -90,9 +90,9 @@ def methods(wildcards):
     )
 
 
-def fitted_stack(wildcards):
-    """Folder of the stack that is fitted; a job reads its shards, of which the rules name none."""
-    return f"{fitted.format(fabric=wildcards.fabric)}/radiance.zarr"
+def fitted_fabric(wildcards):
+    """Folder of the fabric that is fitted; a job reads the shards of its stack, of which the rules name none."""
+    return fitted.format(fabric=wildcards.fabric)
 
 
 def need_of(wildcards):

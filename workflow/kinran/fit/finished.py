@@ -15,7 +15,7 @@ from kinran.stack import Box
 Arrays = dict[str, NDArray[np.floating]]
 
 
-def key(options: list[str], files: list[Path], stack: Path) -> str:
+def content_key(options: list[str], files: list[Path], stack: Path) -> str:
     """Digest of options, the content of files, and the sizes and times of a stack's."""
     whole = hashlib.sha256("\0".join(options).encode())
     for path in files:

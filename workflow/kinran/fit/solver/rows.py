@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from kinran.fit.lobes import GAUSSIAN
+from kinran.fit.solver.lobes import GAUSSIAN
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from kinran.fit.lobes import GAUSSIAN, LOBE_SIZE
+from kinran.fit.solver.lobes import GAUSSIAN, LOBE_SIZE
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]

@@ -1,6 +1,6 @@
 """The fast solver: variable projection in single precision, a few microseconds a texel.
 
-What an iteration of `kinran.fit.varpro` needs are inner products over the lights: of the derivatives of the
+What an iteration of `kinran.fit.solver.varpro` needs are inner products over the lights: of the derivatives of the
 lobes, of their values, and of what the last colours leave of the data. Those are the rows of one matrix R, all
 weighted by the roots of the samples' weights, and R Rᵀ, in blocks of 4 × 4 that stay in registers, holds cost,
 gradient and projected normal matrix at once. The residual, not the data, stands in R, so that the cost does not
@@ -20,10 +20,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from kinran.fit.linear import RIDGE, cholesky_solve, invert, nonnegative, nonnegative2
-from kinran.fit.lobes import DIFFUSE_SIZE, GAUSSIAN, GGX, LOBE_SIZE, confine
-from kinran.fit.rows import along, diffuse_rows, gram, lobe_products, lobe_rows, remainder, take
-from kinran.fit.start import highlight, pair
+from kinran.fit.solver.linear import RIDGE, cholesky_solve, invert, nonnegative, nonnegative2
+from kinran.fit.solver.lobes import DIFFUSE_SIZE, GAUSSIAN, GGX, LOBE_SIZE, confine
+from kinran.fit.solver.rows import along, diffuse_rows, gram, lobe_products, lobe_rows, remainder, take
+from kinran.fit.solver.start import highlight, pair
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]

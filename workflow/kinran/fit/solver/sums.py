@@ -1,30 +1,16 @@
-"""What fitted lobes say about lights that they were not fitted to."""
+"""Lobes and the diffuse term summed at lights, compiled."""
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from kinran import frames
-from kinran.fit.lobes import DIFFUSE_SIZE, LOBE_SIZE, TAILS, diffuse, lobe
-from kinran.fit.slope import SlopeFit
+from kinran.fit.solver.lobes import DIFFUSE_SIZE, LOBE_SIZE, diffuse, lobe
 
 Array = NDArray[np.float64]
-Samples = NDArray[np.float32]
-
-
-def predict(fitted: SlopeFit, lights: Array, tail: str = "ggx", slopes: Array | None = None) -> Samples:
-    """T (texel, 3, light) of a fit under lights (light, 3), in the unit of its samples.
-
-    `slopes` (light, 2) are those of the half vectors where the view is not N.
-    """
-    out = np.empty((len(fitted.shapes), 3, len(lights)), np.float32)
-    s = frames.slopes(lights) if slopes is None else slopes
-    _sum(TAILS[tail], fitted.shapes, fitted.colours, s, np.asarray(lights, float), out)
-    return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sum(tail: int, shapes: Array, colours: Array, s: Array, lights: Array, out: Samples) -> None:
+def summed(tail: int, shapes: Array, colours: Array, s: Array, lights: Array, out: NDArray[np.float32]) -> None:
     """Lobes and the diffuse term, whose columns `colours` (texel, column, 3) are in this order."""
     lobes = colours.shape[1] - 1
     unused = np.empty(LOBE_SIZE + DIFFUSE_SIZE)
