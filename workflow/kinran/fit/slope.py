@@ -15,6 +15,7 @@ from kinran.fit.solver import fused, prepare
 from kinran.fit.solver.lobes import DIFFUSE_SIZE, LOBE_SIZE, TAILS, squared_widths
 from kinran.fit.solver.rows import LANES
 from kinran.fit.solver.sums import summed
+from kinran.fit.solver.values import Found, Given, Light, Model, Search, Texels
 from kinran.near import Index, Under
 
 Array = NDArray[np.float64]
@@ -211,115 +212,85 @@ class _Job:
         """Fit of some texels of one cell."""
         samples = self.samples
         T, W, region = samples.T[at], samples.W[at], samples.region[at]
-        lights = _Lights.of(samples.under.lights[cell], samples.under.slopes[cell])
+        lights = _rows(samples.under.lights[cell], samples.under.slopes[cell])
         start = None if self.start is None else self.start[at]
         if self.priors is None:
-            return self._descend(T, W, lights, _Given.nothing(self.least[at], self.lobes), start)
-        given = _Given.of(self.priors, region, self.least[at])
+            return self._descend(T, W, lights, _nothing(self.least[at], self.lobes), start)
+        given = _given(self.priors, region, self.least[at])
         result = self._descend(T, W, lights, given, start)
         one = np.flatnonzero(samples.second[at] != region)
         if len(one) and samples.under.count < FEW:
             of = [r.shared(s) for r in self.priors for s in self.priors]
             pair = region[one] * len(self.priors) + samples.second[at][one]
-            other = _Given.of(of, pair, self.least[at][one])
+            other = _given(of, pair, self.least[at][one])
             mixed = self._descend(T[one], W[one], lights, other, None if start is None else start[one])
-            result.put(one, _better(result.of(one), mixed, given.of_texels(one), other))
+            result.put(one, _better(result.of(one), mixed, _of_texels(given, one), other))
         return result
 
-    def _descend(self, T: Single, W: Single, lights: "_Lights", given: "_Given", start: Array | None) -> SlopeFit:
+    def _descend(self, T: Single, W: Single, lights: Light, given: Given, start: Array | None) -> SlopeFit:
         result = self._run(T, W, lights, given, start)
         if start is None and self.samples.under.count < FEW:
             again = _at_brightest(result.shapes, T, W, lights, given)
             result = _better(result, self._run(T, W, lights, given, again), given, given)
         return result
 
-    def _run(self, T: Single, W: Single, lights: "_Lights", given: "_Given", start: Array | None) -> SlopeFit:
+    def _run(self, T: Single, W: Single, lights: Light, given: Given, start: Array | None) -> SlopeFit:
         """One descent from a start."""
         found = SlopeFit.empty(self.lobes, len(T))
         if start is not None:
             found.shapes[:] = start
         fused.fit_block(
-            TAILS[self.lobes.tail],
-            self.lobes.count,
-            self.lobes.bent,
-            T,
-            W,
-            lights.slopes,
-            lights.directions,
-            lights.solid,
-            given.narrow,
-            MAX_WIDTH,
-            given.centre,
-            given.stiffness,
-            given.dark,
-            self.iterations,
-            SCOUTS,
-            TOLERANCE,
-            start is not None,
-            found.shapes,
-            found.colours,
-            found.cost,
+            Model(TAILS[self.lobes.tail], self.lobes.count, self.lobes.bent),
+            Texels(T, W),
+            lights,
+            given,
+            Search(self.iterations, SCOUTS, TOLERANCE, start is not None),
+            Found(found.shapes, found.colours, found.cost),
         )
         return found
 
 
-@dataclass(frozen=True)
-class _Given:
-    """What is known of each texel's shapes before its samples: bounds and prior."""
-
-    narrow: Array
-    centre: Array
-    stiffness: Array
-    dark: NDArray[np.bool_]
-    """Texels of regions whose prior was given no weight at all (`kinran.fit.strength`): amplitudes are held instead."""
-
-    @classmethod
-    def nothing(cls, least: Array, lobes: Lobes) -> "_Given":
-        """Bounds alone, for widths of at least `least` (texel,)."""
-        count = len(least)
-        return cls(least, np.zeros((count, lobes.size)), np.zeros((count, lobes.size)), np.zeros(count, bool))
-
-    @classmethod
-    def of(cls, priors: list[Prior], region: NDArray[np.intp], least: Array) -> "_Given":
-        """What the priors of regions (texel,) say, where these do not resolve less than the lights."""
-        widths = np.array([prior.narrowest for prior in priors])
-        centre, stiffness = np.stack([p.centre for p in priors]), np.stack([p.stiffness() for p in priors])
-        dark = np.array([prior.variance == 0 for prior in priors])
-        narrow = np.maximum(np.minimum(least, widths[region]), NARROWEST)
-        return cls(narrow, centre[region], stiffness[region], dark[region])
-
-    def of_texels(self, at: NDArray[np.intp]) -> "_Given":
-        """What is known of some texels."""
-        return _Given(self.narrow[at], self.centre[at], self.stiffness[at], self.dark[at])
+def _nothing(least: Array, lobes: Lobes) -> Given:
+    """Bounds alone, for widths of at least `least` (texel,)."""
+    count = len(least)
+    return Given(least, MAX_WIDTH, np.zeros((count, lobes.size)), np.zeros((count, lobes.size)), np.zeros(count, bool))
 
 
-@dataclass(frozen=True)
-class _Lights:
-    """Lights as the solver takes them: rows with zeros beyond the last light."""
+def _given(priors: list[Prior], region: NDArray[np.intp], least: Array) -> Given:
+    """What the priors of regions (texel,) say, where these do not resolve less than the lights.
 
-    slopes: Single
-    directions: Single
-    solid: Single
-
-    @classmethod
-    def of(cls, directions: Array, half: Array) -> "_Lights":
-        """Rows of lights (light, 3) and half-vector slopes (light, 2)."""
-        # the solid angle that a direction of a polar grid stands for
-        solid = np.sqrt(np.maximum(1 - directions[:, 2] ** 2, 0)) + 0.02
-        rows = np.zeros((6, -(-len(directions) // LANES) * LANES), np.float32)
-        rows[:, : len(directions)] = *half.T, *directions.T, solid
-        return cls(rows[:2], rows[2:5], rows[5])
+    Where a prior was given no weight at all (`kinran.fit.strength`), amplitudes are held instead.
+    """
+    widths = np.array([prior.narrowest for prior in priors])
+    centre, stiffness = np.stack([p.centre for p in priors]), np.stack([p.stiffness() for p in priors])
+    dark = np.array([prior.variance == 0 for prior in priors])
+    narrow = np.maximum(np.minimum(least, widths[region]), NARROWEST)
+    return Given(narrow, MAX_WIDTH, centre[region], stiffness[region], dark[region])
 
 
-def _at_brightest(shapes: Array, T: Single, W: Single, lights: _Lights, given: _Given) -> Array:
+def _of_texels(given: Given, at: NDArray[np.intp]) -> Given:
+    """What is known of some texels."""
+    return Given(given.narrow[at], given.wide, given.centre[at], given.stiffness[at], given.dark[at])
+
+
+def _rows(directions: Array, half: Array) -> Light:
+    """Rows of lights (light, 3) and half-vector slopes (light, 2) as the solver takes them."""
+    # the solid angle that a direction of a polar grid stands for
+    solid = np.sqrt(np.maximum(1 - directions[:, 2] ** 2, 0)) + 0.02
+    rows = np.zeros((6, -(-len(directions) // LANES) * LANES), np.float32)
+    rows[:, : len(directions)] = *half.T, *directions.T, solid
+    return Light(rows[:2], rows[2:5], rows[5])
+
+
+def _at_brightest(shapes: Array, T: Single, W: Single, lights: Light, given: Given) -> Array:
     """Start with the first lobe at the brightest sample, and with the prior's shapes where there is one."""
     start = np.where(given.stiffness > 0, given.centre, shapes)
     brightest = np.where(W > 0, T.mean(1), -np.inf).argmax(1)
-    start[:, :2] = lights.slopes.T[brightest]
+    start[:, :2] = lights.S.T[brightest]
     return start
 
 
-def _better(one: SlopeFit, other: SlopeFit, of_one: _Given, of_other: _Given) -> SlopeFit:
+def _better(one: SlopeFit, other: SlopeFit, of_one: Given, of_other: Given) -> SlopeFit:
     """Of two fits of each texel, the one of less cost and penalty."""
     total = [f.cost + (g.stiffness * (f.shapes - g.centre) ** 2).sum(1) for f, g in ((one, of_one), (other, of_other))]
     take = total[1] < total[0]

@@ -9,6 +9,7 @@ from kinran.fit.solver.rows import LANES
 from kinran.fit.solver.start import pair
 from kinran.fit.solver.sums import summed
 from kinran.fit.solver.turn import SINGLE, turn
+from kinran.fit.solver.values import Found, Given, Light, Model, Search, Texels
 
 SIZE = LOBE_SIZE + DIFFUSE_SIZE
 
@@ -18,12 +19,15 @@ def compile_all() -> None:
     single, double = np.zeros((1, 3, 1), np.float32), np.zeros((1, 3))
     shapes, colours, weights = np.zeros((1, SIZE)), np.zeros((1, 2, 3)), np.ones((1, 1), np.float32)
     rows = np.zeros((6, LANES), np.float32)
-    limits = 0.02, 2.0
     nothing, dark = np.zeros((1, SIZE)), np.zeros(1, bool)
     fit_block(
-        GGX, 1, True, single, weights, rows[:2], rows[2:5], rows[5], np.full(1, limits[0]), limits[1], nothing,
-        nothing, dark, 1, 1, 1e-3, False, shapes, colours, np.zeros(1),
-    )  # fmt: skip
+        Model(GGX, 1, True),
+        Texels(single, weights),
+        Light(rows[:2], rows[2:5], rows[5]),
+        Given(np.full(1, 0.02), 2.0, nothing, nothing, dark),
+        Search(1, 1, 1e-3, False),
+        Found(shapes, colours, np.zeros(1)),
+    )
     summed(GGX, shapes, colours, np.zeros((1, 2)), double, single)
     total = SIZE + 6
     covariances(GGX, shapes, colours, single, weights, np.zeros((1, 2)), double, nothing, np.zeros((1, total, total)))
