@@ -60,7 +60,7 @@ class Argument:
         """Declare the argument."""
         kind, several = _element(self.kind)
         required = self.default is REQUIRED
-        settings: dict[str, Any] = {"help": self.help}
+        settings: dict[str, Any] = {"help": self.help.replace("%", "%%")}
         if kind is bool:
             settings["action"] = argparse.BooleanOptionalAction if self.default else "store_true"
         elif typing.get_origin(kind) is Literal:
