@@ -106,6 +106,13 @@ def test_round_trip(tmp_path: Path, paper: Plan) -> None:
     assert again.sha256 == paper.sha256
 
 
+def test_whole_numbers_are_the_same_plan(tmp_path: Path) -> None:
+    plans = [stage.plan_grid("gold", [0, 20], 8, [1], meridians=8, lamp_mm=lamp) for lamp in (600, 600.0)]
+    assert plans[0].sha256 == plans[1].sha256
+    write_plan(tmp_path / "plan.json", plans[0])
+    assert read_plan(tmp_path / "plan.json").sha256 == plans[0].sha256
+
+
 def test_an_edited_plan_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "plan.json"
     write_plan(path, stage.plan_grid("gold", [0, 20], 8, [0.04], meridians=8))

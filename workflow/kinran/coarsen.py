@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran.exr import read_exr
-from kinran.files import InputError, read_json
+from kinran.files import InputError
 from kinran.labels import read_regions, write_labels, write_regions
+from kinran.needed import read_need
 from kinran.stack import (
     CHUNK,
     DARK,
@@ -49,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> None:
     """Write stack, labels and regions of coarse texels."""
     stack = Stack.open(args.stack)
-    factor = coarsest_factor(args.need)
+    factor = read_need(args.need).footprint.coarsest_factor
     if factor > min(stack.height, stack.width):
         raise InputError(
             f"{args.stack}: a texel that {args.need} allows, {factor} wide, is wider than it; move the camera closer"
@@ -62,20 +63,6 @@ def main(args: argparse.Namespace) -> None:
     write_coarse(args.out, stack, factor)
     height, width = labels["labels"].shape
     print(f"coarsen: {factor} x {factor} texels make one; {width} x {height} of them", file=sys.stderr)
-
-
-def coarsest_factor(need: Path) -> int:
-    """Texels, along a side, that can be averaged to one and nobody sees it.
-
-    Raises
-    ------
-    InputError
-        The file is not what `kinran need` writes.
-    """
-    try:
-        return int(read_json(need)["footprint"]["coarsest_factor"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{need}: names no footprint ({error!r}); make it with kinran need") from None
 
 
 def average(radiance: Image, flags: Flags, factor: int) -> tuple[Image, Flags]:
