@@ -4,7 +4,6 @@ Needs no Python from its user: `kinran render scene.xml` registers the BSDF, as 
 """
 
 import argparse
-import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -15,29 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from kinran.encoding import to_srgb
 from kinran.exr import write_rgb
 from kinran.files import InputError, atomic, write_json
+from kinran.probes import variant_fault
 
 Picture = NDArray[np.float32]
 
 PASS = 8  # samples a pixel between two lines of progress
 SHOULDER = 0.7  # linear value above which highlights roll off
 SWEEP_SIZE, SWEEP_SPP, SWEEP_ANGLE = (240, 180), 24, 50.0
-PROBE = (
-    "import mitsuba as mi; mi.set_variant('llvm_ad_rgb'); import drjit as dr; "
-    "print(dr.maximum(mi.Float(1, 2), mi.Float(2, 1)))"
-)
 
 
 def choose_variant() -> str:
-    """`llvm_ad_rgb`, or `scalar_rgb` with a warning where LLVM does not work.
-
-    LLVM 15 and 16 abort the process at the first maximum, which nothing can catch: so another one tries it.
-    """
-    probe = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, text=True)
-    if probe.returncode == 0:
+    """`llvm_ad_rgb`, or `scalar_rgb` with a warning where LLVM does not work."""
+    reason = variant_fault("llvm_ad_rgb")
+    if not reason:
         return "llvm_ad_rgb"
-    reason = (probe.stderr.strip().splitlines() or [f"exit status {probe.returncode}"])[-1]
     _say(
         f"warning: LLVM cannot be used ({reason}); rendering with scalar_rgb, about 100 times slower; "
         "install libllvm19 and run kinran doctor"
@@ -125,13 +118,12 @@ def develop(picture: Picture, exposure: float = 1.0) -> NDArray[np.uint8]:
     (y, x, 3) uint8
         Above the shoulder s = 0.7 a channel x becomes s + (1 - s)(1 - exp(-(x - s) / (1 - s))): it keeps its
         slope at s and nears 1 without reaching it, as film does, so that glints keep some of their shape and
-        colour. Then the sRGB curve (IEC 61966-2-1).
+        colour. Then the sRGB curve.
     """
     x = np.maximum(np.asarray(picture, np.float64) * exposure, 0)
     room = 1 - SHOULDER
     x = np.where(x > SHOULDER, SHOULDER + room * -np.expm1(-np.maximum(x - SHOULDER, 0) / room), x)
-    encoded = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
-    return np.asarray(np.rint(encoded * 255), np.uint8)
+    return np.asarray(np.rint(to_srgb(x) * 255), np.uint8)
 
 
 def _write_png(path: Path, image: Image.Image) -> None:
