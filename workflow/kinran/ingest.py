@@ -9,7 +9,7 @@ from typing import Any
 from kinran import encoding, photographs
 from kinran.files import InputError, check_name, sha256, write_json
 from kinran.geometry import Distances, crop_centre, seen_from, unit
-from kinran.lights import Light, lp_file, read_lp
+from kinran.lights import LpLight, lp_file, read_lp
 from kinran.plans import LIST_GROUP, Group, Plan, PlanLight, Shot, list_group_names, read_plan, write_plan
 from kinran.radiance.exif import exif_seconds
 from kinran.radiance.exposures import time_in_name
@@ -72,7 +72,7 @@ def main(args: argparse.Namespace) -> None:
     write_plan(args.out, plan(args.fabric, lights, args.encoding, args.crop, exposures(found), distances(args), size))
 
 
-def inspect(folder: Path, encoded: str, crop_text: str, holdout: int) -> list[Light]:
+def inspect(folder: Path, encoded: str, crop_text: str, holdout: int) -> list[LpLight]:
     """Check a whole set before anything is written: lights, files, sizes, crop, and that each image decodes.
 
     Raises
@@ -112,7 +112,7 @@ def inspect(folder: Path, encoded: str, crop_text: str, holdout: int) -> list[Li
     return lights
 
 
-def remark_on_lengths(lights: list[Light], lamp_mm: float | None) -> str:
+def remark_on_lengths(lights: list[LpLight], lamp_mm: float | None) -> str:
     """What is to be said where the vectors look like positions but are taken for directions; else empty."""
     lengths = [light.length for light in lights]
     if lamp_mm or max(abs(length - 1) for length in lengths) < UNIT:
@@ -162,7 +162,7 @@ def held_out_count(lights: int, every: int) -> int:
 
 def plan(
     fabric: str,
-    lights: list[Light],
+    lights: list[LpLight],
     encoded: str,
     crop: str,
     exposures_s: tuple[float, ...] = (1.0,),
@@ -211,7 +211,7 @@ def plan(
     )
 
 
-def _place(index: int, light: Light, lamp_mm: float | None, centre: tuple[float, float]) -> PlanLight:
+def _place(index: int, light: LpLight, lamp_mm: float | None, centre: tuple[float, float]) -> PlanLight:
     """A light as it is seen from the middle of the crop; as the `.lp` has it where its distance is not known."""
     position, direction = None, light.direction
     if lamp_mm:

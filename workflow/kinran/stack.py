@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinran.files import InputError, atomic
+from kinran.lights import Light as Light
 
 Image = NDArray[np.float32]
 Flags = NDArray[np.uint8]
@@ -32,31 +33,6 @@ deviations of its noise; a defect of the sensor; the frame had moved."""
 SHARD, CHUNK = 8, 64
 LARGEST = float(np.finfo(np.float16).max)
 NAMES = ("radiance", "flags")
-
-
-@dataclass(frozen=True)
-class Light:
-    """One light of a stack.
-
-    Attributes
-    ----------
-    name
-        Of its shot or photograph.
-    direction
-        Unit vector from the field's centre, away from the surface.
-    position_mm
-        Where the lamp stands, from the field's centre; None when unknown.
-    grid
-        (iθ, iφ) in the plan's grid; None in a list.
-    held_out
-        Whether it is kept from every fit, for evaluation.
-    """
-
-    name: str
-    direction: tuple[float, float, float]
-    position_mm: tuple[float, float, float] | None = None
-    grid: tuple[int, int] | None = None
-    held_out: bool = False
 
 
 @dataclass(frozen=True)
