@@ -22,6 +22,7 @@ class Options:
     crop: Annotated[tuple[int, int], "X,Y", lambda text: tuple(int(v) for v in text.split(","))] = (0, 0)
     labels: Annotated[tuple[int, ...] | None, "labels"] = None
     quiet: Annotated[bool, "say nothing"] = False
+    field_mm: Annotated[float | None, "--field-mm MM", "width of the field"] = None
 
 
 def called(*words: str) -> dict[str, Any]:
@@ -51,6 +52,18 @@ def test_defaults_stay() -> None:
 
 def test_function_makes_the_value() -> None:
     assert called("a", "--out", "c", "--crop", "5,6")["options"].crop == (5, 6)
+
+
+def test_value_has_a_name_in_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert called("a", "--out", "c", "--field-mm", "60")["options"].field_mm == 60
+    with pytest.raises(SystemExit):
+        called("--help")
+    assert "--field-mm MM" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("words", [("--labels", "3", "4"), ("--labels", "3", "--labels", "4")])
+def test_several_values_follow_one_name_or_each_its_own(words: tuple[str, ...]) -> None:
+    assert called("a", "--out", "c", *words)["options"].labels == (3, 4)
 
 
 @pytest.mark.parametrize("words", [("a",), ("--out", "c"), ("a", "--out", "c", "--lobes", "3")])

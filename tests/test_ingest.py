@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from kinran import ingest
+from kinran import ingest, ingest_group
 from kinran.__main__ import main
 from kinran.files import InputError, read_json
+from kinran.photograph_set import Known, inspect
 from kinran.plans import read_plan, write_plan
 
 
@@ -26,12 +27,12 @@ def make_set(folder: Path, lights: int = 16, size: tuple[int, int] = (12, 10)) -
 
 def test_plan_and_manifests(tmp_path: Path) -> None:
     folder = make_set(tmp_path / "set", 70)
-    lights = ingest.inspect(folder, "srgb", "", 8)
-    write_plan(tmp_path / "captures" / "plan.json", ingest.plan("icon", lights, "srgb", ""))
+    found = inspect(folder, Known(), 8)
+    write_plan(tmp_path / "captures" / "plan.json", ingest.plan("icon", found, Known()))
     plan = read_plan(tmp_path / "captures" / "plan.json")
     assert [len(group.lights) for group in plan.groups] == [64, 6]
     assert plan.lights[69].name == "img 69"
-    rows = ingest.manifest(tmp_path / "captures" / "plan.json", "01", folder)["shots"]
+    rows = ingest_group.manifest(tmp_path / "captures" / "plan.json", "01", folder)["shots"]
     assert [row["shot"] for row in rows] == [f"img {k}" for k in range(64, 70)]
     assert all(Path(row["frames"][0]["file"]).is_file() for row in rows)
 
@@ -126,12 +127,12 @@ def test_an_output_folder_that_cannot_be_written_to(tmp_path: Path, capsys: pyte
 
 def test_too_few_lights(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="4 are needed"):
-        ingest.inspect(make_set(tmp_path / "set", 3), "srgb", "", 0)
+        inspect(make_set(tmp_path / "set", 3), Known(), 0)
 
 
 def test_manifest_is_json_that_says_where_the_photographs_are(tmp_path: Path) -> None:
     folder = make_set(tmp_path / "set")
-    common = ["ingest", "--folder", str(folder)]
-    assert main([*common, "--fabric", "icon", "--holdout", "8", str(tmp_path / "plan.json")]) == 0
-    assert main([*common, "--plan", str(tmp_path / "plan.json"), "--group", "00", str(tmp_path / "00.json")]) == 0
+    plan, out, of = str(tmp_path / "plan.json"), str(tmp_path / "00.json"), ["--folder", str(folder)]
+    assert main(["ingest", *of, "--fabric", "icon", "--holdout", "8", plan]) == 0
+    assert main(["ingest-group", *of, "--plan", plan, "--group", "00", out]) == 0
     assert read_json(tmp_path / "00.json")["lights"] == list(range(16))

@@ -35,15 +35,15 @@ def test_the_stack_holds_what_the_camera_saw_and_how_bright_it_can_see(
 
 
 def test_command_lines_are_those_of_the_stages(tmp_path: Path) -> None:
-    import argparse
     import importlib
 
-    from kinran.__main__ import COMMANDS
+    from kinran.__main__ import ALL, parser_of
 
     for name, *words in chart.commands(tmp_path):
-        parser = argparse.ArgumentParser()
-        importlib.import_module(COMMANDS[name][0]).add_arguments(parser)
-        assert parser.parse_args(words).out.parent == tmp_path
+        args = parser_of(name, importlib.import_module(ALL[name][0])).parse_args(words)
+        paths = [value for value in vars(args).values() if isinstance(value, Path)]
+        assert paths
+        assert all(path.is_relative_to(tmp_path) for path in paths)
 
 
 def test_targets_are_met_or_missed(tmp_path: Path) -> None:

@@ -13,8 +13,8 @@ from capture_bench import DEVICE, EXPOSURES, Bench, check, small_plan
 
 from kinran.__main__ import main
 from kinran.files import InputError
+from kinran.grid import plan_grid
 from kinran.journal import Journal, read
-from kinran.plan import plan_grid
 from kinran.plans import write_plan
 from kinran.rig.camera import CameraError
 from kinran.rig.errors import DisconnectedError, FaultError, LimitError, RigError
@@ -390,6 +390,6 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert "revision of 'x'" in capsys.readouterr().err
     assert not (tmp_path / "groups").exists()
     for wrong in ("[1]", "{"):
-        with pytest.raises(SystemExit):
-            main([*words, "--device", "virtual", "--virtual", wrong, out])
+        assert main([*words, "--device", "virtual", "--virtual", wrong, out]) == 2
+        assert f"'{wrong}': is not" in capsys.readouterr().err
     assert DEVICE == {"device": "fake"}

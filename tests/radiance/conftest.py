@@ -3,7 +3,8 @@
 import pytest
 from known_scene import EXPOSURES, Capture, shoot
 
-from kinran.plan import plan_grid
+from kinran.geometry import Distances
+from kinran.grid import plan_grid
 from kinran.plans import write_plan
 
 
@@ -11,7 +12,7 @@ from kinran.plans import write_plan
 def capture(tmp_path_factory: pytest.TempPathFactory) -> Capture:
     """Twelve directions and θ = 0 in two groups, with calibration."""
     folder = tmp_path_factory.mktemp("captures") / "swatch"
-    plan = plan_grid("swatch", (0, 20, 40, 60, 80), 3, EXPOSURES, 2, lamp_mm=600.0, field_mm=4.8)
+    plan = plan_grid("swatch", (0, 20, 40, 60, 80), 3, EXPOSURES, 2, Distances(lamp_mm=600.0, field_mm=4.8))
     folder.mkdir()
     write_plan(folder / "plan.json", plan)
     return Capture(folder, plan, folder / "plan.json", shoot(folder, plan))

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from known_scene import EXPOSURES, radiance, shoot
 
-from kinran.plan import plan_grid
+from kinran.geometry import Distances
+from kinran.grid import plan_grid
 from kinran.plans import Plan, Shot, write_plan
 from kinran.radiance import calibrate, merge_group
 from kinran.radiance.bracket import Response
@@ -28,7 +29,7 @@ TEXELS = 64
 
 
 def calibrated(folder: Path, sensor: Sensor) -> tuple[Calibration, Plan, list[Path]]:
-    plan = plan_grid("swatch", (0, 30, 50), 8, EXPOSURES, 4, lamp_mm=600.0, field_mm=4.8)
+    plan = plan_grid("swatch", (0, 30, 50), 8, EXPOSURES, 4, Distances(lamp_mm=600.0, field_mm=4.8))
     write_plan(folder / "plan.json", plan)
     manifests = shoot(folder, plan, ("00", "calibration"), sensor, TEXELS)
     arguments = {"plan": folder / "plan.json", "out": folder / "c.json", "chart_corners": "", "lamp": ""}
@@ -98,7 +99,7 @@ def test_prnu_is_known(tmp_path: Path) -> None:
 
 def test_a_plate_for_each_direction(tmp_path: Path) -> None:
     """Each light takes the flat field of the plate whose direction is nearest; the white of θ = 0 stays the scale."""
-    plan = plan_grid("swatch", (0, 30, 50), 8, EXPOSURES, 4, lamp_mm=600.0, field_mm=4.8)
+    plan = plan_grid("swatch", (0, 30, 50), 8, EXPOSURES, 4, Distances(lamp_mm=600.0, field_mm=4.8))
     group = plan.groups[-1]
     oblique = Shot("white_30", "white", None, 30.0, 90.0)
     plan = replace(plan, groups=(*plan.groups[:-1], replace(group, shots=(*group.shots, oblique))))

@@ -8,10 +8,11 @@ import pytest
 from PIL import Image
 from raw_frames import RATES, TRUE, expose, write
 
-from kinran import ingest
+from kinran import ingest, ingest_group
 from kinran.encoding import parse
-from kinran.files import InputError, write_json
+from kinran.files import InputError
 from kinran.lights import LpLight, write_lp
+from kinran.photograph_set import Known, inspect
 from kinran.radiance import assemble, calibrate, merge_group
 from kinran.radiance.calibration import read_calibration
 from kinran.stack import SATURATED, Stack
@@ -54,10 +55,9 @@ def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 def run(folder: Path, encoding: str = "srgb", crop: str = "") -> Stack:
     plan, manifest = folder / "captures/set/plan.json", folder / "captures/set/groups/00.json"
-    unknown = {"lamp_mm": None, "field_mm": None, "camera_mm": None}
-    common = {"folder": folder, "fabric": "set", "encoding": encoding, "crop": crop, "holdout": 4, **unknown}
-    ingest.main(argparse.Namespace(plan=None, group=None, out=plan, **common))
-    write_json(manifest, ingest.manifest(plan, "00", folder))
+    options = ingest.Options(encoding=encoding, crop=crop, fabric="set", holdout=4)
+    ingest.main(ingest.Inputs(folder), plan, options)
+    ingest_group.main(ingest_group.Inputs(folder, plan), manifest, "00")
     calibration, out = folder / "calibration.json", folder / "radiance.zarr"
     calibrate.main(
         argparse.Namespace(plan=plan, manifests=[manifest], out=calibration, chart=None, chart_corners="", lamp="")
@@ -121,10 +121,10 @@ def test_what_must_stop(folder: Path) -> None:
     frames[0].rename(folder / "elsewhere.txt")
     frames[1].rename(folder / "elsewhere2.txt")
     with pytest.raises(InputError, match="light 'l3' has 1 image"):
-        ingest.inspect(folder, "srgb", "", 4)
+        inspect(folder, Known(), 4)
     frames[2].unlink()
     with pytest.raises(InputError, match=r"l3.png: no such image"):
-        ingest.inspect(folder, "srgb", "", 4)
+        inspect(folder, Known(), 4)
 
 
 def test_an_unknown_time(folder: Path) -> None:
@@ -132,4 +132,4 @@ def test_an_unknown_time(folder: Path) -> None:
     Image.open(frame).convert("RGB").save(frame.with_name("l3_a.png"))
     frame.unlink()
     with pytest.raises(InputError, match=r"l3_a\.png: has no exposure time in its EXIF; rename it"):
-        ingest.inspect(folder, "srgb", "", 4)
+        inspect(folder, Known(), 4)

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 import tifffile
 
-from kinran import ingest
-from kinran.files import InputError, write_json
+from kinran import ingest, ingest_group
+from kinran.files import InputError
 from kinran.geometry import directions_to, falloff, texel_points
 from kinran.lights import LpLight, read_lp, write_lp
+from kinran.photograph_set import Known
 from kinran.radiance import assemble, calibrate, merge_group
 from kinran.stack import Stack
 
@@ -47,21 +48,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run(folder: Path, work: Path, crop: str, lamp: float | None, camera: float | None = None) -> Stack:
     plan, manifest = work / "captures/set/plan.json", work / "captures/set/groups/00.json"
-    given = {"lamp_mm": lamp, "field_mm": FIELD if lamp else None, "camera_mm": camera}
-    ingest.main(
-        argparse.Namespace(
-            folder=folder,
-            fabric="set",
-            encoding="linear",
-            crop=crop,
-            holdout=4,
-            plan=None,
-            group=None,
-            out=plan,
-            **given,
-        )
-    )
-    write_json(manifest, ingest.manifest(plan, "00", folder))
+    known = {"encoding": "linear", "crop": crop, "lamp_mm": lamp, "field_mm": FIELD if lamp else None}
+    options = ingest.Options(**known, camera_mm=camera, fabric="set", holdout=4)
+    ingest.main(ingest.Inputs(folder), plan, options)
+    ingest_group.main(ingest_group.Inputs(folder, plan), manifest, "00")
     calibration, out = work / "calibration.json", work / "radiance.zarr"
     calibrate.main(
         argparse.Namespace(plan=plan, manifests=[manifest], out=calibration, chart=None, chart_corners="", lamp="")
@@ -108,12 +98,13 @@ def test_without_distances_the_plate_is_uneven(folder: Path, tmp_path: Path) -> 
     assert (seen.max((1, 2)) / seen.min((1, 2))).max() > 1.5
 
 
-def test_what_lengths_mean_is_said(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_lengths_mean_is_said(folder: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """Vectors that may be positions are directions until a length is given; the run says so."""
     run(folder, tmp_path, "", None)
-    assert "long and taken for directions; if they are positions, give --lamp-mm" in capsys.readouterr().err
+    assert "long and taken for directions; if they are positions, give --lamp-mm" in caplog.text
+    caplog.clear()
     run(folder, tmp_path, "", 1.0)
-    assert "taken for directions" not in capsys.readouterr().err
+    assert "taken for directions" not in caplog.text
     assert [light.length for light in read_lp(folder / "near.lp")] == pytest.approx(RADII)
 
 
@@ -127,6 +118,6 @@ def test_what_lengths_mean_is_said(folder: Path, tmp_path: Path, capsys: pytest.
     ],
 )
 def test_lengths_that_cannot_be(lengths: tuple[float | None, ...], says: str) -> None:
-    given = dict(zip(("lamp_mm", "field_mm", "camera_mm"), lengths, strict=True))
+    known = Known("srgb", "", *lengths)
     with pytest.raises(InputError, match=says):
-        ingest.distances(argparse.Namespace(**given))
+        _ = known.distances

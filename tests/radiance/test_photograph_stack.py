@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from kinran import ingest
+from kinran import ingest, ingest_group
 from kinran.files import InputError, write_json
 from kinran.lights import LpLight, write_lp
+from kinran.photograph_set import Known, inspect
 from kinran.plans import read_plan, write_plan
 from kinran.radiance import assemble, calibrate, colour_chart, merge_group
 from kinran.stack import SATURATED, Stack
@@ -36,10 +37,10 @@ def folder(tmp_path: Path) -> Path:
 
 def run(folder: Path, encoding: str, crop: str = "", holdout: int = 4) -> Stack:
     plan = folder / "captures/set/plan.json"
-    lights = ingest.inspect(folder, encoding, crop, holdout)
-    write_plan(plan, ingest.plan("set", lights, encoding, crop))
+    known = Known(encoding, crop)
+    write_plan(plan, ingest.plan("set", inspect(folder, known, holdout), known))
     manifest = folder / "captures/set/groups/00.json"
-    write_json(manifest, ingest.manifest(plan, "00", folder))
+    write_json(manifest, ingest_group.manifest(plan, "00", folder))
     calibration, out = folder / "calibration.json", folder / "radiance.zarr"
     calibrate.main(
         argparse.Namespace(plan=plan, manifests=[manifest], out=calibration, chart=None, chart_corners="", lamp="")

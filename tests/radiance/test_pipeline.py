@@ -12,7 +12,7 @@ from known_scene import SCENE, Capture, radiance
 
 from kinran.__main__ import main
 from kinran.files import InputError
-from kinran.plan import plan_grid
+from kinran.grid import plan_grid
 from kinran.radiance import assemble, calibrate, colour_chart, merge_group
 from kinran.radiance.calibration import Calibration, read_calibration
 from kinran.radiance.noise import sigma

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kinran import plan as stage
+from kinran import grid
 from kinran.__main__ import main
 from kinran.files import InputError
 from kinran.frames import direction
+from kinran.geometry import Distances
 from kinran.plans import Plan, read_plan, write_plan
 from kinran.rig.motion import move_time
 
@@ -22,7 +23,7 @@ BRACKET = [1 / 25, 1 / 100, 1 / 250, 1 / 1000, 1 / 4000]
 @pytest.fixture(scope="module")
 def paper() -> Plan:
     """The paper's grid."""
-    return stage.plan_grid("gold", PAPER, 72, BRACKET, lamp_mm=600, field_mm=60)
+    return grid.plan_grid("gold", PAPER, 72, BRACKET, distances=Distances(600, 60))
 
 
 def test_the_papers_grid(paper: Plan) -> None:
@@ -32,12 +33,12 @@ def test_the_papers_grid(paper: Plan) -> None:
     shots = [shot for group in paper.groups for shot in group.shots]
     kinds = [shot.kind for shot in shots]
     assert kinds.count("light") == 1152
-    assert kinds.count("monitor") == 72 + stage.CALIBRATION_MONITORS
+    assert kinds.count("monitor") == 72 + grid.CALIBRATION_MONITORS
     assert kinds[-7:] == ["dark", "white", "chart", *4 * ["monitor"]]
     assert len({shot.shot for shot in shots}) == len(shots)
     assert {shot.light for shot in shots if shot.kind == "light"} == set(range(1152))
     assert {shot.light for shot in shots if shot.kind == "monitor"} == {1152}
-    assert [group.name for group in paper.groups] == stage.group_names(PAPER, 72)
+    assert [group.name for group in paper.groups] == grid.group_names(PAPER, 72)
 
 
 def test_groups_are_whole_shards(paper: Plan) -> None:
@@ -72,7 +73,7 @@ def test_monitors_are_spread(paper: Plan) -> None:
 @pytest.mark.parametrize("phis", [24, 72])
 def test_order_is_as_quick_as_any(phis: int) -> None:
     """Travel through the directions of a group meets the minimum spanning tree, the bound of all orders."""
-    shots = stage.plan_grid("gold", PAPER, phis, BRACKET).groups[3].shots
+    shots = grid.plan_grid("gold", PAPER, phis, BRACKET).groups[3].shots
     poses = [(1000 * shot.theta, 1000 * shot.phi) for shot in shots if shot.kind == "light"]
     nearest = {pose: move_time(poses[0], pose) for pose in poses[1:]}
     bound = 0.0
@@ -86,7 +87,7 @@ def test_order_is_as_quick_as_any(phis: int) -> None:
 
 
 def test_duration_and_dose(paper: Plan) -> None:
-    bracket = sum(BRACKET) + 5 * stage.CAMERA_S
+    bracket = sum(BRACKET) + 5 * grid.CAMERA_S
     assert paper.light_dose_s == pytest.approx(1228 * bracket)
     assert paper.duration_s is not None
     travel = paper.duration_s - 1231 * (bracket + 0.2)
@@ -95,7 +96,7 @@ def test_duration_and_dose(paper: Plan) -> None:
 
 def test_same_input_same_bytes(tmp_path: Path) -> None:
     for name in ("a", "b"):
-        write_plan(tmp_path / name, stage.plan_grid("gold", [0, 20, 40], 8, [0.04]))
+        write_plan(tmp_path / name, grid.plan_grid("gold", [0, 20, 40], 8, [0.04]))
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
@@ -115,7 +116,7 @@ def test_whole_numbers_are_the_same_plan(tmp_path: Path) -> None:
 
 def test_an_edited_plan_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "plan.json"
-    write_plan(path, stage.plan_grid("gold", [0, 20], 8, [0.04], meridians=8))
+    write_plan(path, grid.plan_grid("gold", [0, 20], 8, [0.04], meridians=8))
     value = json.loads(path.read_text())
     value["exposures_s"] = [0.02]
     path.write_text(json.dumps(value))
@@ -127,15 +128,15 @@ def test_an_edited_plan_is_refused(tmp_path: Path) -> None:
 
 
 def test_names_of_finer_grids() -> None:
-    plan = stage.plan_grid("gold", [0, 2.5], 16, [0.04], meridians=8)
+    plan = grid.plan_grid("gold", [0, 2.5], 16, [0.04], meridians=8)
     assert [light.name for light in plan.lights[:3]] == ["t02-5_p000", "t02-5_p022-5", "t02-5_p045"]
     assert plan.lights[-1].name == "t00_p000"
 
 
 def test_a_small_grid_is_one_group() -> None:
-    assert stage.group_lights([0, 40], 3) == {"00": range(4)}
-    assert stage.group_lights([0, 40], 12, meridians=8) == {"00": range(8), "01": range(8, 13)}
-    assert stage.group_names([0, 40], 3) == ["00", "calibration"]
+    assert grid.group_lights([0, 40], 3) == {"00": range(4)}
+    assert grid.group_lights([0, 40], 12, meridians=8) == {"00": range(8), "01": range(8, 13)}
+    assert grid.group_names([0, 40], 3) == ["00", "calibration"]
 
 
 @pytest.mark.parametrize(
@@ -154,20 +155,20 @@ def test_a_small_grid_is_one_group() -> None:
 )
 def test_grids_that_cannot_be(thetas: list[float], phis: int, meridians: int, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        stage.group_names(thetas, phis, meridians)
+        grid.group_names(thetas, phis, meridians)
 
 
 @pytest.mark.parametrize("exposures", [[], [0.0], [-1.0], [float("nan")], [100.0]])
 def test_exposures_that_cannot_be(exposures: list[float]) -> None:
     with pytest.raises(InputError, match="exposures"):
-        stage.plan_grid("gold", [0, 10], 8, exposures)
+        grid.plan_grid("gold", [0, 10], 8, exposures)
 
 
 def test_lengths_that_cannot_be() -> None:
     with pytest.raises(InputError, match="lamp-mm"):
-        stage.plan_grid("gold", [0, 10], 8, [0.04], lamp_mm=-1)
+        grid.plan_grid("gold", [0, 10], 8, [0.04], distances=Distances(lamp_mm=-1))
     with pytest.raises(InputError, match="field-mm"):
-        stage.plan_grid("gold", [0, 10], 8, [0.04], field_mm=math.inf)
+        grid.plan_grid("gold", [0, 10], 8, [0.04], distances=Distances(field_mm=math.inf))
 
 
 def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,12 +1,11 @@
 """Coarse texels are what a wider lens would have measured."""
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from kinran.coarsen import average, coarse_labels, main
+from kinran.coarsen import Inputs, average, coarse_labels, main
 from kinran.exr import read_exr
 from kinran.files import InputError, write_json
 from kinran.labels import Region, read_regions, write_labels, write_regions
@@ -22,8 +21,10 @@ def fabric(tmp_path: Path) -> Path:
     radiance = np.random.default_rng(1).random((11, 70, 133, 3)).astype(np.float32)
     for first in (0, 8):
         part = radiance[first : first + 8]
-        write_shards(tmp_path / "s.zarr", first, part, np.zeros(part.shape, np.uint8))
-    write_metadata(tmp_path / "s.zarr", LIGHTS, 70, 133, 0.06, "", "", "camera", np.eye(3), {}, (0.0, 0.0, 700.0))
+        write_shards(tmp_path / "radiance.zarr", first, part, np.zeros(part.shape, np.uint8))
+    write_metadata(
+        tmp_path / "radiance.zarr", LIGHTS, 70, 133, 0.06, "", "", "camera", np.eye(3), {}, (0.0, 0.0, 700.0)
+    )
     labels = np.repeat((np.arange(133) >= 64).astype(np.intp)[None], 70, 0)
     one = np.ones(labels.shape, np.float32)
     write_labels(tmp_path / "labels.exr", labels, one, labels, one)
@@ -36,35 +37,25 @@ def fabric(tmp_path: Path) -> Path:
 
 def coarsen(folder: Path, factor: int) -> Stack:
     write_json(folder / "need.json", {"regions": [], "footprint": {"coarsest_factor": factor}})
-    main(
-        argparse.Namespace(
-            stack=folder / "s.zarr",
-            labels=folder / "labels.exr",
-            regions=folder / "regions.json",
-            need=folder / "need.json",
-            coarse_labels=folder / "coarse.exr",
-            coarse_regions=folder / "coarse.json",
-            out=folder / "coarse.zarr",
-        )
-    )
-    return Stack.open(folder / "coarse.zarr")
+    main(Inputs(folder, folder / "need.json"), folder / "coarse")
+    return Stack.open(folder / "coarse" / "radiance.zarr")
 
 
 def test_the_coarse_stack_is_the_mean(fabric: Path) -> None:
-    fine, coarse = Stack.open(fabric / "s.zarr"), coarsen(fabric, 3)
+    fine, coarse = Stack.open(fabric / "radiance.zarr"), coarsen(fabric, 3)
     assert (coarse.height, coarse.width, coarse.texel_mm) == (23, 44, pytest.approx(0.18))
     assert (coarse.lights, coarse.camera_mm) == (fine.lights, fine.camera_mm)
     truth = fine.read_tile(0, 69, 0, 132)[0].reshape(11, 23, 3, 44, 3, 3).mean((2, 4))
     np.testing.assert_allclose(coarse.read_tile(0, 23, 0, 44)[0], truth, atol=1e-3)  # half floats
-    label = read_exr(fabric / "coarse.exr")
+    label = read_exr(fabric / "coarse" / "labels.exr")
     np.testing.assert_array_equal(label["label"][0], np.arange(44) >= 21)
     assert label["membership"][0, 21] == pytest.approx(2 / 3)
     assert label["second"][0, 21] == 0
-    assert [region.texels for region in read_regions(fabric / "coarse.json")] == [21 * 23, 23 * 23]
+    assert [region.texels for region in read_regions(fabric / "coarse" / "regions.json")] == [21 * 23, 23 * 23]
 
 
 def test_texels_that_are_needed_stay_and_take_no_room(fabric: Path) -> None:
-    fine, same = Stack.open(fabric / "s.zarr"), coarsen(fabric, 1)
+    fine, same = Stack.open(fabric / "radiance.zarr"), coarsen(fabric, 1)
     np.testing.assert_array_equal(same.read_tile(0, 70, 0, 133)[0], fine.read_tile(0, 70, 0, 133)[0])
     assert shard_path(same.path, "radiance", 1).samefile(shard_path(fine.path, "radiance", 1))
     coarsen(fabric, 2)  # nothing of the links is written through

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from kinran import capture
-from kinran.plan import plan_grid
+from kinran.geometry import Distances
+from kinran.grid import plan_grid
 from kinran.plans import write_plan
 from kinran.radiance import assemble, calibrate, merge_group
 from kinran.stack import Stack
@@ -21,18 +22,11 @@ def test_the_figure_lands_in_its_corner(tmp_path: Path, monkeypatch: pytest.Monk
     """Plan, capture, calibrate, merge, stack: each light is what was traced, and no mirror image of it."""
     monkeypatch.chdir(tmp_path)
     plan_path = tmp_path / "captures/weave/plan.json"
-    plan = plan_grid("weave", (0, 30, 60), 4, (1 / 25, 1 / 100, 1 / 250, 1 / 1000, 1 / 4000), 4, 600.0, 4.8)
+    plan = plan_grid("weave", (0, 30, 60), 4, (1 / 25, 1 / 100, 1 / 250, 1 / 1000, 1 / 4000), 4, Distances(600.0, 4.8))
     write_plan(plan_path, plan)
     manifests = [plan_path.parent / "groups" / f"{group.name}.json" for group in plan.groups]
     for group, manifest in zip(plan.groups, manifests, strict=True):
-        arguments = {
-            "plan": plan_path,
-            "group": group.name,
-            "device": "virtual",
-            "virtual": SCENE,
-            "revisions": {},
-        }
-        capture.main(argparse.Namespace(**arguments, out=manifest))
+        capture.main(capture.Inputs(plan_path), manifest, capture.Options(group.name, "virtual", SCENE))
     calibration, out = tmp_path / "calibration.json", tmp_path / "radiance.zarr"
     calibrate.main(
         argparse.Namespace(plan=plan_path, manifests=manifests, out=calibration, chart=None, chart_corners="", lamp="")

@@ -14,7 +14,7 @@ from kinran import frames
 from kinran.encoding import parse
 from kinran.exr import read_exr
 from kinran.lights import LpLight, write_lp
-from kinran.rti import prepare
+from kinran.rti import Inputs, Options, prepare
 
 SIDE, LIGHTS = 28, 24
 
@@ -27,7 +27,7 @@ def run(*arguments: str) -> str:
 
 def pipeline(folder: Path, out: Path, crop: str, holdout: int, *options: str) -> str:
     """What `kinran rti` does, with a picture small enough for a test."""
-    work = prepare(folder, out, "srgb", crop, holdout)
+    work = prepare(Inputs(folder), out, Options(crop=crop, holdout=holdout))
     (work / "small.xml").write_text(small_template())
     config = (work / "config.yaml").read_text()
     (work / "config.yaml").write_text(config.replace(str(ROOT / "scenes" / "drape.xml"), "small.xml"))

@@ -1,25 +1,80 @@
 """Shoot a group of the plan: what is missing or asked for anew; write the group's manifest."""
 
-import argparse
 import json
-import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+import logging
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
+from kinran.code import digest
 from kinran.files import InputError, write_json
 from kinran.journal import Journal
 from kinran.plans import Plan, read_plan
 from kinran.rig.camera import Camera, CameraError
 from kinran.rig.errors import RigError
-from kinran.rig.firmware import Firmware
 from kinran.rig.goniometer import Goniometer
 from kinran.rig.ledger import Wanted, manifest, missing, read_brackets, setup_digest
 from kinran.rig.session import Session
-from kinran.rig.simulation import PacedCamera, simulated_goniometer
+
+log = logging.getLogger(__name__)
 
 Devices = Callable[[], AbstractContextManager[tuple[Goniometer, Camera]]]
+
+
+def json_object(text: str) -> dict[str, Any]:
+    """Object that a text in JSON stands for.
+
+    Raises
+    ------
+    InputError
+        It is something else.
+    """
+    try:
+        value = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InputError(f"{text!r}: is not JSON ({error}); give an object such as {{}}") from None
+    if not isinstance(value, dict):
+        raise InputError(f"{text!r}: is not a JSON object; give one such as {{}}")
+    return value
+
+
+@dataclass(frozen=True)
+class Inputs:
+    plan: Annotated[Path, "plan.json in the folder of the capture"]
+
+
+@dataclass(frozen=True)
+class Options:
+    group: Annotated[str, "group to shoot"]
+    device: Annotated[Literal["virtual", "hid"], "rig and camera"]
+    virtual: Annotated[Mapping[str, Any], "--virtual JSON", "virtual fabric as an object", json_object] = field(
+        default_factory=dict
+    )
+    revisions: Annotated[Mapping[str, int], "--revisions JSON", "revisions asked for, by shot", json_object] = field(
+        default_factory=dict
+    )
+
+
+def main(inputs: Inputs, out: Annotated[Path, "OUT", "manifest of the group"], options: Options) -> None:
+    """Shoot a group.
+
+    Frames of the virtual rig are those of its code: when that changes, they are shot anew, and the old ones kept.
+    """
+    if options.device == "hid":
+        raise InputError("device hid: no camera back-end is installed; use virtual, or ingest photographs")
+    from kinran.virtual.devices import virtual_devices  # it imports the path tracer
+
+    root, scene = inputs.plan.parent, dict(options.virtual)
+    device = {"device": options.device, "scene": scene, "code": digest("kinran.virtual.devices")}
+    devices = partial(virtual_devices, root, scene, options.group)
+    try:
+        value = capture(read_plan(inputs.plan), options.group, root, devices, device, options.revisions)
+    except (RigError, CameraError) as error:
+        raise InputError(str(error)) from None
+    write_json(out, value)
 
 
 def capture(
@@ -29,7 +84,6 @@ def capture(
     devices: Devices,
     device: Mapping[str, Any],
     revisions: Mapping[str, int],
-    say: Callable[[str], None],
 ) -> dict[str, Any]:
     """Shoot what is missing of a group, and give its manifest.
 
@@ -47,8 +101,6 @@ def capture(
         What the devices are; another description makes other frames.
     revisions
         Revision asked for, by shot; 0 for the others.
-    say
-        Takes a line of progress.
 
     Raises
     ------
@@ -65,10 +117,10 @@ def capture(
     with Journal(root / "journal.jsonl") as journal:
         brackets = read_brackets(journal.records)
         todo = missing(brackets, wanted, root)
-        say(f"{group}: {len(todo)} of {len(wanted)} shots to take")
+        log.info("capture %s: %d of %d shots to take", group, len(todo), len(wanted))
         if todo:
             with devices() as (rig, camera):
-                session = Session(plan, root, journal, rig, camera, str(device["device"]), say)
+                session = Session(plan, root, journal, rig, camera, str(device["device"]))
                 session.run(group, wanted)
                 brackets = session.brackets
         return manifest(plan, chosen, brackets)
@@ -87,60 +139,3 @@ def check_revisions(revisions: Mapping[str, int], shots: set[str], group: str) -
             raise InputError(f"revision of '{shot}': group {group} has no such shot; see the plan")
         if not isinstance(revision, int) or isinstance(revision, bool) or revision < 0:
             raise InputError(f"revision of '{shot}' is {revision!r}; give a whole number from 0")
-
-
-@contextmanager
-def virtual_devices(root: Path, scene: dict[str, Any], group: str) -> Iterator[tuple[Goniometer, Camera]]:
-    """A simulated rig, and a simulated camera with its card in `root`, for a group of the plan."""
-    from kinran.virtual.camera import CACHE, SimulatedCamera  # it imports the path tracer
-
-    firmware = Firmware()
-    rig = simulated_goniometer(firmware)
-    camera: Camera = SimulatedCamera(firmware, root / "card", scene, CACHE, group)
-    try:
-        yield rig, PacedCamera(camera, firmware, rig)
-    finally:
-        rig.close()
-
-
-def _json_object(text: str) -> dict[str, Any]:
-    try:
-        value = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is not JSON ({error})") from None
-    if not isinstance(value, dict):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a JSON object")
-    return value
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of ``kinran capture``."""
-    parser.add_argument("--plan", type=Path, required=True, help="plan.json in the folder of the capture")
-    parser.add_argument("--group", required=True, help="group to shoot")
-    parser.add_argument("--device", choices=["virtual", "hid"], required=True, help="rig and camera")
-    parser.add_argument("--virtual", type=_json_object, default={}, help="virtual fabric as a JSON object")
-    parser.add_argument(
-        "--revisions", type=_json_object, default={}, help="revisions asked for, as a JSON object by shot"
-    )
-    parser.add_argument("out", type=Path, metavar="OUT", help="manifest of the group")
-
-
-def main(args: argparse.Namespace) -> None:
-    """Shoot a group."""
-    if args.device == "hid":
-        raise InputError("device hid: no camera back-end is installed; use virtual, or ingest photographs")
-    root = args.plan.parent
-    device = {"device": args.device, "scene": args.virtual}
-    try:
-        value = capture(
-            read_plan(args.plan),
-            args.group,
-            root,
-            lambda: virtual_devices(root, args.virtual, args.group),
-            device,
-            args.revisions,
-            lambda line: print(f"capture {line}", file=sys.stderr, flush=True),
-        )
-    except (RigError, CameraError) as error:
-        raise InputError(str(error)) from None
-    write_json(args.out, value)

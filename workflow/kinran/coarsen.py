@@ -4,20 +4,20 @@ What a camera sees of texels too small to be told apart is the mean of their rad
 the rig would have measured with a wider lens, and every fit, error and cost that follows is that of its texels.
 """
 
-import argparse
+import logging
 import os
 import shutil
-import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinran.exr import read_exr
+from kinran.fabric import Fabric
 from kinran.files import InputError
-from kinran.labels import read_regions, write_labels, write_regions
+from kinran.labels import write_labels, write_regions
 from kinran.needed import read_need
 from kinran.stack import (
     CHUNK,
@@ -35,34 +35,31 @@ from kinran.stack import (
 
 Planes = NDArray[Any]
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the stage."""
-    parser.add_argument("--stack", type=Path, required=True, help="radiance stack (.zarr)")
-    parser.add_argument("--labels", type=Path, required=True, help="label map (.exr)")
-    parser.add_argument("--regions", type=Path, required=True, help="regions (.json)")
-    parser.add_argument("--need", type=Path, required=True, help="what the scene needs (.json)")
-    parser.add_argument("--coarse-labels", type=Path, required=True, help="label map of the coarse texels (.exr)")
-    parser.add_argument("--coarse-regions", type=Path, required=True, help="regions of the coarse texels (.json)")
-    parser.add_argument("out", type=Path, help="radiance stack of the coarse texels (.zarr)")
+log = logging.getLogger(__name__)
 
 
-def main(args: argparse.Namespace) -> None:
+@dataclass(frozen=True)
+class Inputs:
+    fabric: Annotated[Path, "folder of radiance stack, label map and regions"]
+    need: Annotated[Path, "what the scene needs (.json)"]
+
+
+def main(inputs: Inputs, out: Annotated[Path, "OUT", "folder of the fabric with coarse texels"]) -> None:
     """Write stack, labels and regions of coarse texels."""
-    stack = Stack.open(args.stack)
-    factor = read_need(args.need).footprint.coarsest_factor
+    fine, coarse = Fabric(inputs.fabric), Fabric(out)
+    stack, factor = fine.stack, read_need(inputs.need).footprint.coarsest_factor
     if factor > min(stack.height, stack.width):
         raise InputError(
-            f"{args.stack}: a texel that {args.need} allows, {factor} wide, is wider than it; move the camera closer"
+            f"{stack.path}: a texel that {inputs.need} allows, {factor} wide, is wider than it; move the camera closer"
         )
-    labels = coarse_labels(read_exr(args.labels), factor)
-    write_labels(args.coarse_labels, **labels)
+    labels = coarse_labels(read_exr(fine.labels_path), factor)
+    write_labels(coarse.labels_path, **labels)
     counts = np.bincount(labels["labels"].reshape(-1)).tolist()
-    rows = [replace(r, texels=counts[r.label] if r.label < len(counts) else 0) for r in read_regions(args.regions)]
-    write_regions(args.coarse_regions, rows)
-    write_coarse(args.out, stack, factor)
+    rows = [replace(r, texels=counts[r.label] if r.label < len(counts) else 0) for r in fine.regions]
+    write_regions(coarse.regions_path, rows)
+    write_coarse(coarse.stack_path, stack, factor)
     height, width = labels["labels"].shape
-    print(f"coarsen: {factor} x {factor} texels make one; {width} x {height} of them", file=sys.stderr)
+    log.info("coarsen: %d x %d texels make one; %d x %d of them", factor, factor, width, height)
 
 
 def average(radiance: Image, flags: Flags, factor: int) -> tuple[Image, Flags]:

@@ -3,7 +3,9 @@
 A stage is ``main(inputs, out, options)``: frozen dataclasses of what it reads and how, and paths of what it writes.
 So it can be called from Python, and this module makes the same call from words. Each field or parameter is annotated
 with its help: ``Annotated[Path, "label map (.exr)"]`` is ``--name``, and ``Annotated[Path, "OUT", "material (.exr)"]``
-is the positional argument ``OUT``. A function among the annotations makes the value from its word.
+is the positional argument ``OUT``; ``"--crop X,Y,W,H"`` in that place is an option whose value has a name. A function
+among the annotations makes the value from its word, and says by an `InputError` what is wrong with it. Several values
+may follow one ``--name``, or each its own.
 """
 
 import argparse
@@ -32,7 +34,7 @@ class Argument:
     help
         What it is.
     word
-        Its name in the usage, for a positional argument; None for ``--name``.
+        As it stands in the usage: ``OUT`` for a positional argument, ``--name VALUE`` or None for an option.
     parse
         From a word to the value; None for what the type does.
     default
@@ -50,10 +52,9 @@ class Argument:
         """Declare the argument."""
         kind, several = _element(self.kind)
         required = self.default is REQUIRED
-        settings: dict[str, Any] = {"help": self.help, "metavar": self.word}
+        settings: dict[str, Any] = {"help": self.help.replace("%", "%%")}
         if kind is bool:
             settings["action"] = argparse.BooleanOptionalAction if self.default else "store_true"
-            del settings["metavar"]
         elif typing.get_origin(kind) is Literal:
             settings["choices"] = typing.get_args(kind)
             settings["type"] = type(typing.get_args(kind)[0])
@@ -61,17 +62,23 @@ class Argument:
             settings["type"] = self.parse or kind
         if several:
             settings["nargs"] = "+" if required else "*"
-        if self.word is not None:
+        if self.word is not None and not self.word.startswith("--"):
             if not required and not several:
                 settings["nargs"] = "?"
-            parser.add_argument(self.name, default=None if required else self.default, **settings)
-        else:
-            flag = "--" + self.name.replace("_", "-")
-            parser.add_argument(flag, required=required, default=None if required else self.default, **settings)
+            parser.add_argument(self.name, metavar=self.word, **settings)
+            return
+        flag, _, value = (self.word or "--" + self.name.replace("_", "-")).partition(" ")
+        if value:
+            settings["metavar"] = value
+        if several:
+            settings["action"] = "extend"
+        parser.add_argument(flag, dest=self.name, required=required, default=None, **settings)
 
     def value(self, args: argparse.Namespace) -> Any:
-        """Its value; of several a tuple."""
+        """Its value, or its default where it was not given; of several a tuple."""
         value = getattr(args, self.name)
+        if value is None or value == []:
+            return None if self.default is REQUIRED else self.default
         return tuple(value) if isinstance(value, list) else value
 
 

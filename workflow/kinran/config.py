@@ -14,8 +14,8 @@ from kinran import encoding
 from kinran.code import ROOT
 from kinran.files import InputError
 from kinran.geometry import Distances
+from kinran.grid import group_names, plan_grid
 from kinran.lights import lp_file, read_lp
-from kinran.plan import group_names, plan_grid
 from kinran.plans import list_group_names
 from kinran.sheets import read_sheet
 

@@ -1,6 +1,5 @@
 """Check this machine: libraries, Python packages, cores, memory, disk; say what to do about each failing line."""
 
-import argparse
 import importlib
 import importlib.metadata
 import importlib.util
@@ -31,11 +30,7 @@ class Finding:
     remedy: str = ""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command takes none."""
-
-
-def main(args: argparse.Namespace) -> None:
+def main() -> None:
     """Print a line a check.
 
     Raises

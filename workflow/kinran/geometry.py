@@ -1,10 +1,12 @@
 """Where lamp and camera stand, and what follows for each texel: direction, falloff, view."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from kinran.files import InputError
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -28,6 +30,23 @@ class Distances:
     lamp_mm: float | None = None
     field_mm: float | None = None
     camera_mm: float | None = None
+
+
+UNKNOWN = Distances()
+"""Of a set of which nobody measured any."""
+
+
+def check_lengths(distances: Distances) -> None:
+    """Check what somebody measured.
+
+    Raises
+    ------
+    InputError
+        One is no length.
+    """
+    for name, value in asdict(distances).items():
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise InputError(f"--{name.replace('_', '-')} {value:g}: give a length over 0 mm")
 
 
 def crop_centre(crop: tuple[int, int, int, int], size: tuple[int, int], field_mm: float) -> tuple[float, float]:

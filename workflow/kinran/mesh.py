@@ -5,13 +5,13 @@ becomes one sentence here. The panel is unwrapped to one chart that keeps length
 shorter sides run along u: cloth is woven with the weft across the loom width and the warp along the length.
 """
 
-import argparse
+import logging
 import multiprocessing
-import sys
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -32,12 +32,30 @@ from kinran.flatten import (
 )
 from kinran.probes import PYMESHLAB_PLUGINS
 
+log = logging.getLogger(__name__)
+
 SUFFIXES = (".ply", ".obj", ".stl", ".off")
 ISLAND = 0.05  # components with a smaller share of the faces are taken for stray scraps
 FACES = 24_000  # about as many as the clean mesh has
 SQUARE = 0.95  # ratio of the sides above which they do not say which is the weft; the scan's up does then
 UNSURE = np.radians(5)  # disagreement of the sides on the weft that is worth a warning
 SMALLEST, LARGEST = 5.0, 10_000.0  # mm, believable size of a panel
+
+
+@dataclass(frozen=True)
+class Inputs:
+    scan: Annotated[Path, "SCAN", "raw scan of one panel, in mm (PLY, OBJ, STL, OFF)"]
+
+
+@dataclass(frozen=True)
+class Outputs:
+    mesh: Annotated[Path, "OUT", "clean, unwrapped mesh (.ply)"]
+    report: Annotated[Path | None, "what was found and done (.json)"] = None
+
+
+def main(inputs: Inputs, out: Outputs) -> None:
+    """Clean and unwrap a scan."""
+    prepare(inputs.scan, out.mesh, out.report)
 
 
 def load_pymeshlab() -> Any:
@@ -242,10 +260,7 @@ def prepare(scan: Path, out: Path, report: Path | None = None) -> dict[str, Any]
             "cut the scan where it is not one flat piece of cloth"
         )
     if (unsure := np.abs(residuals).max()) > UNSURE:
-        print(
-            f"warning: {scan}: its weft is known to {np.degrees(unsure):.0f}° only; it is no rectangle",
-            file=sys.stderr,
-        )
+        log.warning("warning: %s: its weft is known to %.0f° only; it is no rectangle", scan, np.degrees(unsure))
     motion = hang(vertices, faces, uv)
     write_mesh(out, vertices @ motion[:3, :3].T + motion[:3, 3], faces, uv)
     values = {
@@ -264,13 +279,3 @@ def prepare(scan: Path, out: Path, report: Path | None = None) -> dict[str, Any]
     if report:
         write_json(report, values)
     return values
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scan", type=Path, help="raw scan of one panel, in mm (PLY, OBJ, STL, OFF)")
-    parser.add_argument("out", type=Path, help="PLY to write")
-    parser.add_argument("--report", type=Path, help="JSON to write what was found and done to")
-
-
-def main(args: argparse.Namespace) -> None:
-    prepare(args.scan, args.out, args.report)

@@ -28,26 +28,27 @@ half_vector     unit "rad"
                     the word "all" stands in place of each.
 """
 
-import argparse
-import sys
+import logging
 import tempfile
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import mitsuba
 import numpy as np
 from numpy.typing import NDArray
 
 from kinran.exr import write_exr
+from kinran.fabric import Fabric
 from kinran.files import InputError, write_json
-from kinran.labels import LabelMap, Region, read_labels, read_regions
+from kinran.labels import LabelMap, Region
 from kinran.needed import SHOWN
 from kinran.placement import placement, uv_size
-from kinran.stack import Stack
 
 mi: Any = mitsuba  # its types are those of the variant, at run time
+
+log = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
@@ -60,6 +61,26 @@ SHARP = 5
 ENVIRONMENT = "environment"
 HIGH = {"median": 50, "p95": 95, "max": 100}
 AROUND = {"p5": 5, "median": 50, "p95": 95}
+
+
+@dataclass(frozen=True)
+class Inputs:
+    template: Annotated[Path, "scene with defaults, such as scenes/drape.xml"]
+    mesh: Annotated[Path, "PLY that kinran mesh made"]
+    fabric: Annotated[Path, "folder of radiance stack, label map and regions"]
+
+
+def main(inputs: Inputs, out: Annotated[Path, "OUT", "what the scene needs (.json)"]) -> None:
+    """Write what the scene needs, and say it in a line."""
+    result = need(inputs.template, inputs.mesh, Fabric(inputs.fabric))
+    write_json(out, result)
+    unseen = [row["name"] for row in result["regions"] if not row["needed"]]
+    log.info(
+        "need: %.2f texels a pixel, %d can be averaged; not shown: %s",
+        result["footprint"]["narrow"]["median"],
+        result["footprint"]["coarsest_factor"],
+        ", ".join(unseen) or "none",
+    )
 
 
 @dataclass(frozen=True)
@@ -362,7 +383,7 @@ def _mean(values: NDArray[np.bool_]) -> float:
     return round(float(values.mean()), 5) if len(values) else 0.0
 
 
-def need(template: Path, mesh: Path, labels: Path, regions: Path, stack: Path, rays: int = RAYS) -> dict[str, Any]:
+def need(template: Path, mesh: Path, fabric: Fabric, rays: int = RAYS) -> dict[str, Any]:
     """What a scene needs of a fabric, as the JSON above.
 
     Raises
@@ -370,51 +391,29 @@ def need(template: Path, mesh: Path, labels: Path, regions: Path, stack: Path, r
     InputError
         A file is missing or damaged, label map and stack are of different fabrics, or the camera sees no cloth.
     """
-    fabric = Stack.open(stack)
-    label_map, rows = read_labels(labels), read_regions(regions)
-    if label_map.shape != (fabric.height, fabric.width):
-        raise InputError(f"{labels}: its size is not that of {stack}; make it again with kinran segment")
-    if unknown := set(np.unique(label_map).tolist()) - {row.label for row in rows}:
-        raise InputError(f"{regions}: has no region {min(unknown)}, which {labels} has; make both with kinran segment")
-    trained = fabric.directions[~fabric.held_out]
+    stack, labels, regions = fabric.stack, fabric.labels, fabric.regions
+    if unknown := set(np.unique(labels).tolist()) - {region.label for region in regions}:
+        raise InputError(
+            f"{fabric.regions_path}: has no region {min(unknown)}, which {fabric.labels_path} has;"
+            " make both with kinran segment"
+        )
+    trained = stack.directions[~stack.held_out]
     if not len(trained):
-        raise InputError(f"{stack}: has no light to fit; hold out fewer")
-    lie = placement(label_map.shape, fabric.texel_mm, uv_size(mesh))
-    scene, cloth = load(template, mesh, label_map, lie)
+        raise InputError(f"{stack.path}: has no light to fit; hold out fewer")
+    lie = placement(labels.shape, stack.texel_mm, uv_size(mesh))
+    scene, cloth = load(template, mesh, labels, lie)
     lights = lights_of(scene)
     placed = [light for light in lights if light.kind != ENVIRONMENT]
-    sight = look(scene, cloth, placed, label_map.shape, rays)
+    sight = look(scene, cloth, placed, labels.shape, rays)
     if not len(sight.labels):
         raise InputError(f"{template}: its camera does not see the cloth of {mesh}; point it there")
     width, height = scene.sensors()[0].film().crop_size()
-    texel_mm = 1 / (float(lie["repeat_x"]) * fabric.width)
+    texel_mm = 1 / (float(lie["repeat_x"]) * stack.width)
     measured = float(np.arccos(np.clip(trained[:, 2].min(), -1, 1))) / 2
     return {
         "template": template.name,
         "camera": {"width": int(width), "height": int(height)},
         "rays": rays,
         "cloth_share": round(len(sight.labels) / rays, 5),
-        **answer(sight, lights, placed, rows, texel_mm, measured),
+        **answer(sight, lights, placed, regions, texel_mm, measured),
     }
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the stage."""
-    parser.add_argument("--template", type=Path, required=True, help="scene with defaults, such as scenes/drape.xml")
-    parser.add_argument("--mesh", type=Path, required=True, help="PLY that kinran mesh made")
-    parser.add_argument("--labels", type=Path, required=True, help="label map (.exr)")
-    parser.add_argument("--regions", type=Path, required=True, help="regions (.json)")
-    parser.add_argument("--stack", type=Path, required=True, help="radiance stack (.zarr)")
-    parser.add_argument("out", type=Path, help="what the scene needs (.json)")
-
-
-def main(args: argparse.Namespace) -> None:
-    """Write what the scene needs, and say it in a line."""
-    result = need(args.template, args.mesh, args.labels, args.regions, args.stack)
-    write_json(args.out, result)
-    unseen = [row["name"] for row in result["regions"] if not row["needed"]]
-    print(
-        f"need: {result['footprint']['narrow']['median']:.2f} texels a pixel,"
-        f" {result['footprint']['coarsest_factor']} can be averaged; not shown: {', '.join(unseen) or 'none'}",
-        file=sys.stderr,
-    )

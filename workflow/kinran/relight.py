@@ -1,8 +1,8 @@
 """Relight a material: one picture a light, at the view at which it was measured; lights are directions, far away."""
 
-import argparse
-import sys
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -11,42 +11,40 @@ from kinran.encoding import Encoding, parse
 from kinran.exr import write_rgb
 from kinran.files import InputError
 from kinran.lights import LpLight, directions, read_lp
+from kinran.log import progress
 from kinran_bsdf.material import Material, read_material
 from kinran_bsdf.models import relight
 
 BATCH = 16
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the command."""
-    parser.add_argument("material", type=Path, metavar="MATERIAL.exr")
-    parser.add_argument("--lights", type=Path, required=True, metavar="FILE.lp", help="lights, as of an RTI set")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for one EXR a light")
-    parser.add_argument("--against", type=Path, metavar="FOLDER", help="photographs under these lights, by name")
+@dataclass(frozen=True)
+class Inputs:
+    material: Annotated[Path, "MATERIAL.exr", "material to relight"]
+    lights: Annotated[Path, "--lights FILE.lp", "lights of an RTI set"]
+    against: Annotated[Path | None, "--against FOLDER", "photographs under these lights, by name"] = None
 
 
-def main(args: argparse.Namespace) -> None:
+def main(inputs: Inputs, out: Annotated[Path, "--out DIR", "folder for one EXR a light"]) -> None:
     """Write linear float EXRs (R, G, B; top row first) in the unit of the material's photographs."""
     try:
-        material = read_material(args.material)
+        material = read_material(inputs.material)
     except (ValueError, OSError) as error:
         raise InputError(str(error)) from None
-    lights = read_lp(args.lights)
-    found = photographs.find(args.against, lights) if args.against else {}
-    scores = []
-    for start in range(0, len(lights), BATCH):
-        batch = lights[start : start + BATCH]
-        for light, image in zip(batch, relight(material, directions(batch)), strict=True):
-            write_rgb(args.out / f"{light.name}.exr", image[::-1])
-            if args.against:
-                scores.append(_compare(material, light, image, found[light.name]))
-                print(f"{light.name}  {scores[-1]:.2f} dB", flush=True)
-            elif sys.stderr.isatty():
-                print(f"\r{light.name}", end="", file=sys.stderr, flush=True)
+    lights = read_lp(inputs.lights)
+    found = photographs.find(inputs.against, lights) if inputs.against else {}
+    batches = (lights[start : start + BATCH] for start in range(0, len(lights), BATCH))
+    images = (image for batch in batches for image in relight(material, directions(batch)))
+    pairs, scores = zip(lights, images, strict=True), []
+    for light, image in pairs if inputs.against else progress(pairs, "relight", "lights", len(lights)):
+        write_rgb(out / f"{light.name}.exr", image[::-1])
+        if inputs.against:
+            scores.append(_compare(material, light, image, found[light.name]))
+            print(f"{light.name}  {scores[-1]:.2f} dB", flush=True)
     if scores:
         print(f"mean  {np.mean(scores):.2f} dB  (worst {np.min(scores):.2f} dB, {len(scores)} lights)")
     else:
-        print(f"{len(lights)} pictures in {args.out}")
+        print(f"{len(lights)} pictures in {out}")
 
 
 def _compare(material: Material, light: LpLight, image: photographs.Image, path: Path) -> float:

@@ -3,12 +3,11 @@
 Needs no Python from its user: `kinran render scene.xml` registers the BSDF, as Mitsuba's own command cannot.
 """
 
-import argparse
-import sys
+import logging
 import time
-from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +16,42 @@ from PIL import Image, ImageDraw
 from kinran.encoding import to_srgb
 from kinran.exr import write_rgb
 from kinran.files import InputError, atomic, write_json
+from kinran.log import progress
 from kinran.probes import variant_fault
+
+log = logging.getLogger(__name__)
 
 Picture = NDArray[np.float32]
 
-PASS = 8  # samples a pixel between two lines of progress
+PASS = 8  # samples a pixel that are rendered at once
 SHOULDER = 0.7  # linear value above which highlights roll off
 SWEEP_SIZE, SWEEP_SPP, SWEEP_ANGLE = (240, 180), 24, 50.0
+
+
+@dataclass(frozen=True)
+class Inputs:
+    scene: Annotated[Path, "SCENE", "Mitsuba scene (XML)"]
+
+
+@dataclass(frozen=True)
+class Options:
+    spp: Annotated[int | None, "samples a pixel; the scene's own number if not given"] = None
+    variant: Annotated[str | None, "Mitsuba variant; llvm_ad_rgb where it works if not given"] = None
+    sweep: Annotated[int | None, "--sweep N", "instead, a contact sheet (PNG) of 2 × N frames, the light moved"] = None
+
+
+def main(
+    inputs: Inputs,
+    out: Annotated[Path | None, "EXR to write; beside the scene under its name if not given"] = None,
+    options: Options = Options(),
+) -> None:
+    """Render a picture, or a contact sheet."""
+    scene, variant = inputs.scene, options.variant
+    if options.sweep is not None:
+        out = out or scene.with_name(f"{scene.stem}_sweep.png")
+        sweep(scene, out.with_suffix(".png"), options.sweep, variant)
+    else:
+        picture(scene, out or scene.with_suffix(".exr"), options.spp, variant)
 
 
 def choose_variant() -> str:
@@ -31,9 +59,10 @@ def choose_variant() -> str:
     reason = variant_fault("llvm_ad_rgb")
     if not reason:
         return "llvm_ad_rgb"
-    _say(
-        f"warning: LLVM cannot be used ({reason}); rendering with scalar_rgb, about 100 times slower; "
-        "install libllvm19 and run kinran doctor"
+    log.warning(
+        "warning: LLVM cannot be used (%s); rendering with scalar_rgb, about 100 times slower; "
+        "install libllvm19 and run kinran doctor",
+        reason,
     )
     return "scalar_rgb"
 
@@ -76,7 +105,7 @@ def load(path: Path, **parameters: Any) -> Any:
         raise InputError(f"{path}: Mitsuba cannot load it ({reason})") from None
 
 
-def render(scene: Any, spp: int, progress: Callable[[int], None] = lambda done: None) -> Picture:
+def render(scene: Any, spp: int, what: str = "") -> Picture:
     """Render in passes and average them.
 
     Parameters
@@ -85,8 +114,8 @@ def render(scene: Any, spp: int, progress: Callable[[int], None] = lambda done: 
         A loaded Mitsuba scene.
     spp
         Samples a pixel.
-    progress
-        Called with the number of samples done after each pass.
+    what
+        Name of the scene, to log how many passes are done; empty to log nothing.
 
     Returns
     -------
@@ -97,10 +126,10 @@ def render(scene: Any, spp: int, progress: Callable[[int], None] = lambda done: 
 
     width, height = scene.sensors()[0].film().crop_size()
     total = np.zeros((height, width, 3))
-    for done in range(0, spp, PASS):
+    passes = range(0, spp, PASS)
+    for done in progress(passes, f"render {what}", "passes") if what else passes:
         samples = min(PASS, spp - done)
         total += samples * np.array(mi.render(scene, spp=samples, seed=done), np.float64)[..., :3]
-        progress(done + samples)
     return (total / spp).astype(np.float32)
 
 
@@ -131,10 +160,6 @@ def _write_png(path: Path, image: Image.Image) -> None:
         image.save(temporary)
 
 
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
-
-
 def picture(scene_file: Path, out: Path, spp: int | None = None, variant: str | None = None) -> None:
     """Render a scene file to `out` (linear EXR), and beside it a PNG and a JSON with time and samples.
 
@@ -150,11 +175,7 @@ def picture(scene_file: Path, out: Path, spp: int | None = None, variant: str | 
     scene = load(scene_file)
     loaded = time.perf_counter()
     samples = spp or int(scene.sensors()[0].sampler().sample_count())
-
-    def progress(done: int) -> None:
-        _say(f"render {scene_file.name}: {done}/{samples} samples, {time.perf_counter() - loaded:.1f} s")
-
-    image = render(scene, samples, progress)
+    image = render(scene, samples, scene_file.name)
     rendered = time.perf_counter()
     if not np.isfinite(image).all():
         raise InputError(f"{scene_file}: renders to values that are not finite; check its material and lights")
@@ -201,29 +222,13 @@ def sweep(scene_file: Path, out: Path, frames: int, variant: str | None = None) 
     width, height = SWEEP_SIZE
     sheet = Image.new("RGB", (frames * width, 2 * height))
     draw = ImageDraw.Draw(sheet)
-    for row, axis in enumerate(("weft", "warp")):
-        for column, angle in enumerate(np.linspace(-SWEEP_ANGLE, SWEEP_ANGLE, frames)):
-            light = {"key_weft": "0", "key_warp": "0", f"key_{axis}": f"{angle:.3f}"}
-            scene = load(scene_file, **light, width=str(width), height=str(height))
-            corner = (column * width, row * height)
-            sheet.paste(Image.fromarray(develop(render(scene, SWEEP_SPP))), corner)
-            draw.text((corner[0] + 5, corner[1] + 4), f"{axis} {angle:+.0f}°", fill="white")
-            _say(f"sweep {scene_file.name}: {row * frames + column + 1}/{2 * frames} frames")
+    angles = np.linspace(-SWEEP_ANGLE, SWEEP_ANGLE, frames)
+    places = [(row, column) for row in range(2) for column in range(frames)]
+    for row, column in progress(places, f"sweep {scene_file.name}", "frames"):
+        axis, angle = ("weft", "warp")[row], angles[column]
+        light = {"key_weft": "0", "key_warp": "0", f"key_{axis}": f"{angle:.3f}"}
+        scene = load(scene_file, **light, width=str(width), height=str(height))
+        corner = (column * width, row * height)
+        sheet.paste(Image.fromarray(develop(render(scene, SWEEP_SPP))), corner)
+        draw.text((corner[0] + 5, corner[1] + 4), f"{axis} {angle:+.0f}°", fill="white")
     _write_png(out, sheet)
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scene", type=Path, help="Mitsuba scene (XML)")
-    parser.add_argument("--out", type=Path, help="EXR to write; beside the scene under its name if not given")
-    parser.add_argument("--spp", type=int, help="samples a pixel; the scene's own number if not given")
-    parser.add_argument("--variant", help="Mitsuba variant; llvm_ad_rgb where it works if not given")
-    parser.add_argument("--sweep", type=int, metavar="N",
-                        help="instead, a contact sheet (PNG) of 2 × N frames, the light moved")  # fmt: skip
-
-
-def main(args: argparse.Namespace) -> None:
-    if args.sweep is not None:
-        out = args.out or args.scene.with_name(f"{args.scene.stem}_sweep.png")
-        sweep(args.scene, out.with_suffix(".png"), args.sweep, args.variant)
-    else:
-        picture(args.scene, args.out or args.scene.with_suffix(".exr"), args.spp, args.variant)

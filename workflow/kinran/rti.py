@@ -1,74 +1,68 @@
 """Run the pipeline on a folder of photographs with a `.lp` file: material, evaluation, render, report."""
 
-import argparse
 import os
 import re
 import subprocess
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated
 
 import yaml
 
 from kinran.code import ROOT
 from kinran.files import InputError
-from kinran.ingest import add_distances, distances, inspect
+from kinran.photograph_set import Known, inspect
 
 WORK = ".kinran"
 """Folder in OUT with the config, the sheets and the bookkeeping of the run."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the command."""
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="photographs (JPEG, PNG, TIFF, EXR) and one .lp")
-    parser.add_argument("--out", type=Path, required=True, metavar="OUT", help="folder of the results")
-    parser.add_argument("--encoding", default="srgb", help="srgb (default), linear or gamma:EXPONENT")
-    parser.add_argument("--crop", default="", metavar="X,Y,W,H", help="part to use, from the top left")
-    parser.add_argument("--holdout", type=int, default=8, metavar="N", help="hold every Nth light out; 0: none")
-    add_distances(parser)
-    help_ = "photograph of a colour chart under the same light; without it, the encoding's colours are believed"
-    parser.add_argument("--chart", type=Path, metavar="FILE", help=help_)
-    help_ = "x,y of its corners from the top left, dark skin's first, then around; without it, it is found"
-    parser.add_argument("--chart-corners", default="", metavar="X,Y,X,Y,X,Y,X,Y", help=help_)
-    parser.add_argument("--lamp", default="", help="whose spectrum lights the chart: xenon, D50, D65, A, …")
-    parser.add_argument("--cores", type=int, default=os.cpu_count())
+@dataclass(frozen=True)
+class Inputs:
+    folder: Annotated[Path, "FOLDER", "photographs (JPEG, PNG, TIFF, EXR) and one .lp"]
+    chart: Annotated[
+        Path | None,
+        "--chart FILE",
+        "photograph of a colour chart under the same light; without it, the encoding's colours are believed",
+    ] = None
 
 
-def main(args: argparse.Namespace) -> None:
+@dataclass(frozen=True, kw_only=True)
+class Options(Known):
+    holdout: Annotated[int, "--holdout N", "hold every Nth light out; 0: none"] = 8
+    chart_corners: Annotated[
+        str,
+        "--chart-corners X,Y,X,Y,X,Y,X,Y",
+        "x,y of its corners from the top left, dark skin's first, then around; without it, it is found",
+    ] = ""
+    lamp: Annotated[str, "whose spectrum lights the chart: xenon, D50, D65, A, …"] = ""
+    cores: Annotated[int, "processor cores to use (default: all)"] = os.cpu_count() or 1
+
+
+def main(
+    inputs: Inputs, out: Annotated[Path, "--out OUT", "folder of the results"], options: Options = Options()
+) -> None:
     """Write the config and run Snakemake on it."""
-    if args.holdout < 0 or args.holdout == 1:
-        raise InputError(f"--holdout {args.holdout}: give 0 for none, or 2 and more")
-    folder, out, measured = args.folder.resolve(), args.out.resolve(), distances(args)
-    inspect(folder, args.encoding, args.crop, args.holdout)
-    cells = {name: "" if value is None else f"{value:.9f}" for name, value in asdict(measured).items()}
-    cells["chart"] = str(args.chart.resolve()) if args.chart else ""
-    cells |= {"chart_corners": args.chart_corners, "lamp": args.lamp}
-    work = prepare(folder, out, args.encoding, args.crop, args.holdout, cells)
-    command = [
-        sys.executable,
-        "-m",
-        "snakemake",
-        "--snakefile",
-        str(ROOT / "Snakefile"),
-        "--directory",
-        str(work),
-    ]
-    finished = subprocess.run([*command, "--cores", str(args.cores), "--quiet", "rules"], check=False)
+    if options.holdout < 0 or options.holdout == 1:
+        raise InputError(f"--holdout {options.holdout}: give 0 for none, or 2 and more")
+    work = prepare(inputs, out, options)
+    command = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--directory", str(work)]
+    finished = subprocess.run([*command, "--cores", str(options.cores), "--quiet", "rules"], check=False)
     if finished.returncode:
-        raise InputError(f"{out}: the run did not finish; the messages above and {work / 'logs'} say why")
-    print(f"material    {args.out / 'material.exr'}")
-    print(f"evaluation  {args.out / 'evaluation.json'}")
-    print(f"report      {args.out / 'report.html'}")
+        raise InputError(f"{out.resolve()}: the run did not finish; the messages above and {work / 'logs'} say why")
+    print(f"material    {out / 'material.exr'}")
+    print(f"evaluation  {out / 'evaluation.json'}")
+    print(f"report      {out / 'report.html'}")
 
 
-def prepare(
-    folder: Path, out: Path, encoding: str, crop: str, holdout: int, cells: dict[str, str] | None = None
-) -> Path:
-    """Write the config and the sheet of one set into OUT; returns the working directory of the run.
+def prepare(inputs: Inputs, out: Path, options: Options) -> Path:
+    """Check a set, and write its config and sheet into OUT; returns the working directory of the run.
 
-    `cells` are those of further columns of the sheet. The results of the fabric are OUT itself: `results/<fabric>` in
-    the working directory leads there.
+    The results of the fabric are OUT itself: `results/<fabric>` in the working directory leads there.
     """
+    distances, out = asdict(options.distances), out.resolve()
+    inspect(inputs.folder.resolve(), options, options.holdout)
     fabric = re.sub(r"[^a-z0-9_-]+", "-", out.name.lower()).strip("-_") or "fabric"
     work = out / WORK
     try:
@@ -78,12 +72,22 @@ def prepare(
         if not link.is_symlink():
             link.symlink_to(out, target_is_directory=True)
         defaults = yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8"))
-        defaults.update(holdout=holdout)
+        defaults.update(holdout=options.holdout)
         defaults["rig"]["device"] = "none"
         defaults["scene"]["template"] = str(ROOT / defaults["scene"]["template"])
         (work / "config.yaml").write_text(yaml.safe_dump(defaults, sort_keys=False), encoding="utf-8")
-        row = {"fabric": fabric, "source": str(folder), "encoding": encoding, "crop": crop, "regions": "", "seeds": ""}
-        row |= cells or {}
+        row = {
+            "fabric": fabric,
+            "source": str(inputs.folder.resolve()),
+            "encoding": options.encoding,
+            "crop": options.crop,
+            "regions": "",
+            "seeds": "",
+            **{name: "" if value is None else f"{value:.9f}" for name, value in distances.items()},
+            "chart": str(inputs.chart.resolve()) if inputs.chart else "",
+            "chart_corners": options.chart_corners,
+            "lamp": options.lamp,
+        }
         rows = ["\t".join(row), "\t".join(row.values())]
         (work / "config" / "fabrics.tsv").write_text("\n".join(rows) + "\n", encoding="utf-8")
         (work / "config" / "recapture.tsv").write_text("fabric\ttheta\tphi\trevision\treason\n", encoding="utf-8")

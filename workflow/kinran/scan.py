@@ -5,9 +5,9 @@ what range scans have: noise along the line of sight, holes, ragged edges, float
 twice, fins, faces turned round, and a pose that has nothing to do with the weave.
 """
 
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -193,11 +193,10 @@ def write_scan(path: Path, vertices: Array, faces: Faces) -> None:
         np.savetxt(file, corners, "%d")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("out", type=Path, help="PLY file to write")
-    parser.add_argument("--seed", type=int, default=0, help="another seed, another pose and other faults")
-
-
-def main(args: argparse.Namespace) -> None:
-    vertices, faces, _ = scan(args.seed)
-    write_scan(args.out, vertices, faces)
+def main(
+    out: Annotated[Path, "OUT", "scan to write (.ply)"],
+    seed: Annotated[int, "another seed, another pose and other faults"] = 0,
+) -> None:
+    """Write the scan of a draped cloth."""
+    vertices, faces, _ = scan(seed)
+    write_scan(out, vertices, faces)

@@ -5,11 +5,12 @@ paths are relative to its folder. Regions that nobody fitted are rendered by app
 §4): their diffuse colour, behind a mask.
 """
 
-import argparse
 import os
 import xml.etree.ElementTree as ET
 from copy import deepcopy
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,18 @@ Map = NDArray[np.float32]
 
 UNFITTED = ("lambert", "texture")
 SMALLEST, LARGEST = 1e-4, 100.0  # mm, believable size of a texel
+
+
+@dataclass(frozen=True)
+class Inputs:
+    template: Annotated[Path, "scene with defaults, such as scenes/drape.xml"]
+    mesh: Annotated[Path, "PLY that kinran mesh made"]
+    material: Annotated[Path, "material of the fabric (.exr)"]
+
+
+def main(inputs: Inputs, out: Annotated[Path, "folder to write scene.xml to"]) -> None:
+    """Write the scene of a fabric."""
+    assemble(inputs.template, inputs.mesh, inputs.material, out)
 
 
 def unfitted_labels(material: Material) -> list[int]:
@@ -187,14 +200,3 @@ def assemble(template: Path, mesh: Path, material: Path, out: Path) -> Path:
     with atomic(scene) as temporary:
         temporary.write_text(ET.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
     return scene
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--template", type=Path, required=True, help="scene with defaults, such as scenes/drape.xml")
-    parser.add_argument("--mesh", type=Path, required=True, help="PLY that kinran mesh made")
-    parser.add_argument("--material", type=Path, required=True, help="material EXR that kinran fit made")
-    parser.add_argument("--out", type=Path, required=True, help="folder to write scene.xml to")
-
-
-def main(args: argparse.Namespace) -> None:
-    assemble(args.template, args.mesh, args.material, args.out)

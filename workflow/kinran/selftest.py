@@ -3,6 +3,7 @@
 import argparse
 import subprocess
 import sys
+from collections.abc import Sequence
 
 from kinran.code import ROOT
 
@@ -12,6 +13,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = "Everything else is passed on to pytest, such as -k merge."
 
 
-def main(args: argparse.Namespace) -> None:
-    """Run pytest in the project's root; exits with its status."""
-    sys.exit(subprocess.run([sys.executable, "-m", "pytest", *args.rest], cwd=ROOT, check=False).returncode)
+def main(words: Sequence[str]) -> None:
+    """Run pytest with these words in the project's root; exits with its status."""
+    sys.exit(subprocess.run([sys.executable, "-m", "pytest", *words], cwd=ROOT, check=False).returncode)

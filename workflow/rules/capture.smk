@@ -44,6 +44,12 @@ rule capture:
         device=config["rig"]["device"],
         virtual=virtual_rig,
         revisions=revisions,
+        # of the virtual rig's frames; a camera's are what they are
+        code=(
+            digest("kinran.virtual.devices")
+            if config["rig"]["device"] == "virtual"
+            else ""
+        ),
     shell:
         "python -m kinran capture --plan {input:q} --group {wildcards.group} --device {params.device}"
         " --virtual {params.virtual:q} --revisions {params.revisions:q} {output:q} 2>&1 | tee {log}"

@@ -10,12 +10,11 @@ rule segment:
     benchmark:
         "results/{fabric}/benchmarks/segment.tsv"
     params:
-        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        folder=subpath(output.labels, parent=True),
         regions=lambda wildcards: fabrics[wildcards.fabric].region_option,
         code=digest("kinran.segment"),
     shell:
-        "python -m kinran segment {output.labels:q} --stack {params.stack:q} {params.regions} --regions {output.regions:q}"
-        " --statistics {output.statistics:q} 2>&1 | tee {log}"
+        "python -m kinran segment --fabric {params.folder:q} {params.regions} 2>&1 | tee {log}"
 
 
 rule coarsen:
@@ -33,13 +32,11 @@ rule coarsen:
     benchmark:
         "results/{fabric}/benchmarks/coarsen.tsv"
     params:
-        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
-        coarse=subpath(output.stack, parent=True),
+        folder=subpath(input.labels, parent=True),
+        coarse=subpath(output.labels, parent=True),
         code=digest("kinran.coarsen"),
     shell:
-        "python -m kinran coarsen {params.coarse:q} --stack {params.stack:q} --labels {input.labels:q}"
-        " --regions {input.regions:q} --need {input.need:q} --coarse-labels {output.labels:q}"
-        " --coarse-regions {output.regions:q} 2>&1 | tee {log}"
+        "python -m kinran coarsen {params.coarse:q} --fabric {params.folder:q} --need {input.need:q} 2>&1 | tee {log}"
 
 
 rule choice:

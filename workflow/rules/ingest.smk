@@ -29,7 +29,7 @@ rule ingest_group:
         fabric=any_of(set_fabrics),
     params:
         folder=lambda wildcards: fabrics[wildcards.fabric].folder,
-        code=digest("kinran.ingest"),
+        code=digest("kinran.ingest_group"),
     shell:
-        "python -m kinran ingest --folder {params.folder:q} --plan {input:q} --group {wildcards.group}"
+        "python -m kinran ingest-group --folder {params.folder:q} --plan {input:q} --group {wildcards.group}"
         " {output:q} 2>&1 | tee {log}"

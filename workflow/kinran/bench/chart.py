@@ -92,7 +92,7 @@ def commands(out: Path) -> list[list[str]]:
         return [stage, str(out / file), *(word for part in parts for word in part)]
 
     return [
-        command("segment", "labels.exr", stack, regions, at(statistics="statistics.exr")),
+        ["segment", "--fabric", str(out)],
         command("prior", "prior.json", stack, labels, regions, slope),
         command("fit", "slope.npz", stack, labels, model, prior),
         command("material", "material.exr", stack, labels, regions, model, at(runs="slope.npz"), summary),

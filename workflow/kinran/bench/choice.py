@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran import __main__ as kinran
-from kinran import metrics
+from kinran import metrics, segment
 from kinran.bench import real_sets
 from kinran.chart.trial import Trial, read, spread
 from kinran.files import InputError, write_json
@@ -58,9 +57,8 @@ def main(args: argparse.Namespace) -> None:
         with tempfile.TemporaryDirectory() as folder:
             stack, labels = Path(folder) / "radiance.zarr", Path(folder) / "labels.exr"
             real_sets.sets()[name](args.data).write(stack)
-            rest = ["--regions", f"{folder}/regions.json", "--statistics", f"{folder}/statistics.exr"]
             with Path(os.devnull).open("w") as nowhere, contextlib.redirect_stderr(nowhere):
-                kinran.main(["segment", str(labels), "--stack", str(stack), *rest])
+                segment.main(stack.parent)
             found.append(_row(name, _trial(stack, labels)))
     write_json(args.out, found)
 

@@ -110,12 +110,11 @@ def run(work: Path, lights: int) -> None:
     """The pipeline's stages on `radiance.zarr`, as its rules run them."""
     fit = yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8"))["fit"]
     count, tail = (1, "ggx") if lights < FEW_LIGHTS else (fit["lobes"], fit["tail"])
-    of_stack = ["--stack", work / "radiance.zarr"]
-    seen = [*of_stack, "--labels", work / "labels.exr"]
+    seen = ["--stack", work / "radiance.zarr", "--labels", work / "labels.exr"]
     regions, lobes = ["--regions", work / "regions.json"], ["--lobes", count, "--tail", tail]
     prior, slope = ["--prior", work / "prior.json"], work / "slope.exr"
     model: list[object] = ["--model", "slope"]
-    _call(work, "segment", work / "labels.exr", *of_stack, *regions, "--statistics", work / "statistics.exr")
+    _call(work, "segment", "--fabric", work)
     _call(work, "prior", work / "prior.json", *seen, *regions, *lobes)
     _call(work, "fit", work / "slope.npz", *seen, *model, *prior, *lobes)
     runs = ["--runs", work / "slope.npz"]

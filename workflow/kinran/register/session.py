@@ -1,6 +1,6 @@
 """A session of views, from photographs to files."""
 
-import sys
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,8 @@ from kinran.register.cameras import Cameras, JudgedCameras, calibrate, describe
 from kinran.register.height import Surface, measure
 from kinran.register.rectify import FLOOR, Grid, Image, check_inside, grid_of, rectify, shifts
 from kinran.register.target import Board, detect, read_board
+
+log = logging.getLogger(__name__)
 
 LIMIT = 0.05
 """Median shift in mm to the front view, up to which a view counts as registered."""
@@ -209,4 +211,4 @@ def show(report: dict[str, Any]) -> None:
         degrees = f"{np.degrees(row['theta']):.0f}°"
         print(f"  {row['name']:16} {degrees:>4}  median {median}  p95 {p95}   (plane: {plane}, {plane_p95})")
     for warning in report["warnings"]:
-        print(f"warning: {warning}", file=sys.stderr)
+        log.warning("warning: %s", warning)

@@ -5,9 +5,10 @@ then are the files deleted on the card. The journal alone says what is done (doc
 """
 
 import errno
+import logging
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from kinran.files import InputError
@@ -36,7 +37,7 @@ LONG_S = 1.0
 SUBJECTS = {"light": "fabric", "monitor": "fabric", "dark": "dark", "white": "white", "chart": "chart"}
 X_SYNC = 1
 
-Say = Callable[[str], None]
+log = logging.getLogger(__name__)
 
 
 class Session:
@@ -54,15 +55,11 @@ class Session:
         The devices; both may hold leftovers of a killed session.
     device
         Name of the device, for the journal.
-    say
-        Takes a line of progress.
     """
 
-    def __init__(
-        self, plan: Plan, root: Path, journal: Journal, rig: Goniometer, camera: Camera, device: str, say: Say
-    ) -> None:
+    def __init__(self, plan: Plan, root: Path, journal: Journal, rig: Goniometer, camera: Camera, device: str) -> None:
         self.plan, self.root, self.journal = plan, root, journal
-        self.rig, self.camera, self.device, self.say = rig, camera, device, say
+        self.rig, self.camera, self.device = rig, camera, device
         self.brackets = read_brackets(journal.records)
         self._started = sum(record["t"] == "session" for record in journal.records)
         self._kept: list[str] = []
@@ -121,7 +118,7 @@ class Session:
                 self._check_disk(len(todo))
             if done % 8 == 0 or not todo:
                 left = (time.monotonic() - began) / done * len(todo)
-                self.say(f"{group}: {done} of {done + len(todo)} shots, {_duration(left)} left")
+                log.info("capture %s: %d of %d shots, %s left", group, done, done + len(todo), _duration(left))
         self.journal.append({"t": "complete", "group": group, "plan": self.plan.sha256})
 
     # -- meeting the devices -------------------------------------------------------------------------
@@ -170,7 +167,7 @@ class Session:
             self._quarantine(found, "the shutter may have closed under an exposure")
         elif len(found) == len(exposures) == counted:
             self._record(bracket, found, bracket.intent["photodiode"], "adopted")
-            self.say(f"{bracket.intent['shot']}: adopted {len(found)} frames from the card")
+            log.info("capture %s: adopted %d frames from the card", bracket.intent["shot"], len(found))
         elif same_boot and len(found) < len(exposures) and len(found) == counted:
             self._kept = found
         else:
@@ -354,7 +351,7 @@ class Session:
             self.brackets[number].void = True
         for name in names:
             self.camera.delete(name)
-        self.say(f"quarantined {', '.join(names)}: {reason}")
+        log.info("capture: quarantined %s: %s", ", ".join(names), reason)
 
     # -- lamp ----------------------------------------------------------------------------------------
 
@@ -372,7 +369,7 @@ class Session:
             It does not come back in ten minutes.
         """
         self.journal.append({"t": "pause", "reason": "lamp", "photodiode": self.rig.state.photodiode})
-        self.say("the lamp drifted; waiting for it")
+        log.info("capture: the lamp drifted; waiting for it")
         for _ in range(int(LAMP_WAIT_S / 10)):
             self.rig.wait(10.0)
             if abs(self.rig.intensity() - self._reference) <= LAMP_RETURNS * self._reference:

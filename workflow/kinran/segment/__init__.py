@@ -4,22 +4,24 @@ Takeda2008, §3.1. The colour space is made of statistics over all training ligh
 regions start from patches that a person points at, or are found; their number is given, or chosen.
 """
 
-import argparse
+import logging
 import re
-import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinran.exr import write_exr
+from kinran.fabric import Fabric
 from kinran.files import NAME, InputError
 from kinran.labels import Region, write_labels, write_regions
 from kinran.segment import mahalanobis
 from kinran.segment.appearance import Appearance, over_lights
-from kinran.stack import Stack
 from kinran_bsdf.colours import TO_REC709
+
+log = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.intp]
@@ -29,41 +31,37 @@ LEAST_SHARE = 0.005
 SEED = re.compile(rf"({NAME.pattern}):([0-9]{{1,6}}),([0-9]{{1,6}})")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the stage."""
-    parser.add_argument("--stack", type=Path, required=True, help="radiance stack (.zarr)")
-    parser.add_argument("--count", type=int, help="number of regions (default: as many as the data tell apart)")
-    parser.add_argument(
-        "--seeds",
-        default="",
-        metavar="NAME:X,Y;…",
-        help="texels of each region, from the top left of the label map; several of a name help",
-    )
-    parser.add_argument("--regions", type=Path, required=True, help="what is known of each region (.json)")
-    parser.add_argument("--statistics", type=Path, required=True, help="statistics over the lights (.exr)")
-    parser.add_argument("out", type=Path, help="label map (.exr)")
+@dataclass(frozen=True)
+class Options:
+    count: Annotated[int | None, "number of regions (default: as many as the data tell apart)"] = None
+    seeds: Annotated[
+        str, "--seeds NAME:X,Y;…", "texels of each region, from the top left of the label map; several of a name help"
+    ] = ""
 
 
-def main(args: argparse.Namespace) -> None:
+def main(
+    fabric: Annotated[Path, "folder of the radiance stack, for label map, regions and statistics as well"],
+    options: Options = Options(),
+) -> None:
     """Write the label map, the regions and the statistics that they were found by."""
-    seeds = parse_seeds(args.seeds)
-    stack = Stack.open(args.stack)
-    look = over_lights(stack)
-    found = segment(look, args.count, seeds, str(args.out))
+    seeds, known = parse_seeds(options.seeds), Fabric(fabric)
+    look = over_lights(known.stack)
+    found = segment(look, options.count, seeds, str(known.labels_path))
     shape = look.middle.shape
+    labels = found.labels.reshape(shape)
     write_labels(
-        args.out,
-        found.labels.reshape(shape),
+        known.labels_path,
+        labels,
         found.confidence.reshape(shape).astype(np.float32),
         found.second.reshape(shape),
         found.membership.reshape(shape).astype(np.float32),
     )
-    regions = describe(found.labels.reshape(shape), look, stack.to_acescg, found.names)
-    write_regions(args.regions, regions)
+    regions = describe(labels, look, known.stack.to_acescg, found.names)
+    write_regions(known.regions_path, regions)
     planes = {name: look.median[..., k] for k, name in enumerate(("median.R", "median.G", "median.B"))}
-    write_exr(args.statistics, {**planes, "luminance.p98": look.peak, "luminance.p40": look.middle})
+    write_exr(fabric / "statistics.exr", {**planes, "luminance.p98": look.peak, "luminance.p40": look.middle})
     for region in regions:
-        print(f"{region.name}: {region.texels} texels", file=sys.stderr)
+        log.info("%s: %d texels", region.name, region.texels)
 
 
 @dataclass(frozen=True)
