@@ -7,8 +7,8 @@ import pytest
 
 from kinran import frames
 from kinran.files import InputError
+from kinran.grid import plan_grid
 from kinran.lights import SCATTERED, Light, LpLight, directions, half_steps, read_lp, write_lp
-from kinran.plan import plan_grid
 
 GOOD = "2\nsome folder\\image 01.jpg 0 0 2\nimage02.jpg 0.6 0 0.8\n"
 

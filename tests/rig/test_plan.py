@@ -108,7 +108,8 @@ def test_round_trip(tmp_path: Path, paper: Plan) -> None:
 
 
 def test_whole_numbers_are_the_same_plan(tmp_path: Path) -> None:
-    plans = [stage.plan_grid("gold", [0, 20], 8, [1], meridians=8, lamp_mm=lamp) for lamp in (600, 600.0)]
+    sizes = [Distances(lamp_mm) for lamp_mm in (600, 600.0)]
+    plans = [grid.plan_grid("gold", [0, 20], 8, [1], meridians=8, distances=size) for size in sizes]
     assert plans[0].sha256 == plans[1].sha256
     write_plan(tmp_path / "plan.json", plans[0])
     assert read_plan(tmp_path / "plan.json").sha256 == plans[0].sha256
