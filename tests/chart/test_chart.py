@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from trials import shiny_trial
 
-from kinran import canvas, stability
-from kinran.chart import experiments, explorer, figure, front, meter, page, rows, scatter
+from kinran import canvas
+from kinran.chart import experiments, explorer, figure, front, meter, page, rows, scatter, stability
 from kinran.chart import table as joining
 from kinran.chart.method import Method
 from kinran.chart.methods import linear, methods

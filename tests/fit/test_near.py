@@ -22,7 +22,7 @@ def flat_field(light: np.ndarray, field: float = FIELD, distance: float = DISTAN
     """What one flat material of a GGX lobe on a diffuse floor shows under a lamp (y, x, 3), the distances known."""
     points = geometry.texel_points(SIDE, SIDE, field / SIDE)
     towards = geometry.directions_to(distance * light, points)
-    half = geometry.half_vectors(towards, geometry.directions_to((0, 0, distance), points))
+    half = towards + geometry.directions_to((0, 0, distance), points)
     slopes = half[..., :2] / half[..., 2:]
     lobe = models.slope_lobe(slopes[..., 0], slopes[..., 1], 0, 0, WIDTH**2, 0, WIDTH**2, "ggx")
     colour = lobe[..., None] * [2, 1.5, 0.7] + towards[..., 2:] * [0.1, 0.02, 0.02]

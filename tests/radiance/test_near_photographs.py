@@ -10,7 +10,7 @@ import tifffile
 from kinran import ingest, ingest_group
 from kinran.files import InputError
 from kinran.geometry import directions_to, falloff, texel_points
-from kinran.lights import Light, read_lp, write_lp
+from kinran.lights import LpLight, read_lp, write_lp
 from kinran.photograph_set import Known
 from kinran.radiance import assemble, calibrate, merge_group
 from kinran.stack import Stack
@@ -41,7 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         tifffile.imwrite(folder / f"n{k}.tif", picture)
         length = float(np.linalg.norm(position))
         x, y, z = (float(part) for part in position / length)
-        lights.append(Light(f"n{k}", (x, y, z), f"n{k}.tif", length=length))
+        lights.append(LpLight(f"n{k}", (x, y, z), f"n{k}.tif", length=length))
     write_lp(folder / "near.lp", lights)
     return folder
 

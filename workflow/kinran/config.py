@@ -50,7 +50,7 @@ class ChartShot:
 
 
 @dataclass(frozen=True)
-class Fabric:
+class FabricRow:
     """A row of the sheet of fabrics.
 
     Attributes
@@ -102,7 +102,7 @@ class Fabric:
         return " ".join(f"--{name} {value:.9g}" for name, value in given.items())
 
 
-def lobes_of(config: dict[str, Any], fabric: Fabric) -> tuple[int, str] | None:
+def lobes_of(config: dict[str, Any], fabric: FabricRow) -> tuple[int, str] | None:
     """Number and tail of a fabric's slope lobes: what the config says, but one GGX lobe under few lights.
 
     None where they are to be chosen for each fabric.
@@ -143,7 +143,7 @@ def _fill(value: dict[str, Any], rules: dict[str, Any]) -> None:
             _fill(value[key], rule)
 
 
-def read_fabrics(config: dict[str, Any]) -> dict[str, Fabric]:
+def read_fabrics(config: dict[str, Any]) -> dict[str, FabricRow]:
     """Check the config, and read the sheet of fabrics that it names.
 
     Raises
@@ -153,7 +153,7 @@ def read_fabrics(config: dict[str, Any]) -> dict[str, Fabric]:
     """
     check(config, "config", "config.yaml")
     sheet = config["fabrics"]
-    fabrics: dict[str, Fabric] = {}
+    fabrics: dict[str, FabricRow] = {}
     for row in read_sheet(sheet):
         check(dict(row), "fabric", f"{sheet}: fabric '{row.get('fabric', '')}'")
         if row["fabric"] in fabrics:
@@ -164,7 +164,7 @@ def read_fabrics(config: dict[str, Any]) -> dict[str, Fabric]:
     return fabrics
 
 
-def _fabric(row: dict[str, str], rig: dict[str, Any], sheet: str) -> Fabric:
+def _fabric(row: dict[str, str], rig: dict[str, Any], sheet: str) -> FabricRow:
     regions = int(row["regions"]) if row["regions"] else None
     lamp, field, camera = (float(row[name]) if row.get(name) else None for name in ("lamp_mm", "field_mm", "camera_mm"))
     distances = Distances(lamp, field, camera)
@@ -179,7 +179,9 @@ def _fabric(row: dict[str, str], rig: dict[str, Any], sheet: str) -> Fabric:
         lights = tuple(group for group in groups if group != "calibration")
         count = (len(rig["thetas"]) - 1) * rig["phis"] + 1
         everything = (*lights, "calibration")
-        return Fabric(row["fabric"], None, "", "", regions, row["seeds"], distances, chart, count, lights, everything)
+        return FabricRow(
+            row["fabric"], None, "", "", regions, row["seeds"], distances, chart, count, lights, everything
+        )
     folder = Path(row["source"])
     encoded = row["encoding"] or "srgb"
     encoding.parse(encoded)
@@ -194,12 +196,12 @@ def _fabric(row: dict[str, str], rig: dict[str, Any], sheet: str) -> Fabric:
         raise InputError(f"{sheet}: {chart.file} is no file; correct the chart of fabric '{row['fabric']}'")
     count = len(read_lp(lp_file(folder)))
     groups = tuple(list_group_names(count))
-    return Fabric(
+    return FabricRow(
         row["fabric"], folder, encoded, row["crop"], regions, row["seeds"], distances, chart, count, groups, groups
     )
 
 
-def read_revisions(config: dict[str, Any], fabrics: dict[str, Fabric]) -> Callable[[str, str], str]:
+def read_revisions(config: dict[str, Any], fabrics: dict[str, FabricRow]) -> Callable[[str, str], str]:
     """Read the sheet of directions to shoot again.
 
     Returns

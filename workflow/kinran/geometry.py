@@ -105,9 +105,3 @@ def falloff(positions_mm: ArrayLike, points: Array) -> Array:
     positions = np.asarray(positions_mm, float)
     own = np.square(positions).sum(-1).reshape(positions.shape[:-1] + (1,) * (points.ndim - 1))
     return np.asarray(own / (own - 2 * np.tensordot(positions, points, (-1, -1)) + np.square(points).sum(-1)))
-
-
-def half_vectors(light: Array, view: Array) -> Array:
-    """Unit vectors (..., 3) half way between unit vectors."""
-    between = light + view
-    return np.asarray(between / np.linalg.norm(between, axis=-1, keepdims=True))

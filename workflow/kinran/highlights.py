@@ -19,7 +19,7 @@ from kinran import photographs
 from kinran.encoding import parse
 from kinran.files import InputError
 from kinran.geometry import Vector, unit
-from kinran.lights import Light, write_lp
+from kinran.lights import LpLight, write_lp
 from kinran.log import progress
 from kinran.radiance.raw import is_raw
 
@@ -123,7 +123,7 @@ def main(inputs: Inputs, out: Annotated[Path, "--out FILE.lp", "lights to write"
         if where[2] <= 0:
             raise InputError(f"{path}: its highlight is that of a lamp under the horizon; check the sphere's outline")
         length = math.hypot(*where)
-        lights.append(Light(path.stem, unit(where), path.name, length=length))
+        lights.append(LpLight(path.stem, unit(where), path.name, length=length))
         turns.append(math.degrees(turn))
     write_lp(out, lights)
     positions = lamp_mm or len(circles) > 1

@@ -30,11 +30,11 @@ from kinran.flatten import (
     vector_area,
     vertex_normals,
 )
+from kinran.probes import PYMESHLAB_PLUGINS
 
 log = logging.getLogger(__name__)
 
 SUFFIXES = (".ply", ".obj", ".stl", ".off")
-PLUGINS = 58  # of pymeshlab when libGL and libOpenGL are both there; without the second it cannot read PLY
 ISLAND = 0.05  # components with a smaller share of the faces are taken for stray scraps
 FACES = 24_000  # about as many as the clean mesh has
 SQUARE = 0.95  # ratio of the sides above which they do not say which is the weft; the scan's up does then
@@ -72,9 +72,9 @@ def load_pymeshlab() -> Any:
         raise InputError(
             f"pymeshlab: cannot be loaded ({error}); install libgl1 and libopengl0, then run kinran doctor"
         ) from None
-    if pymeshlab.plugin_number() < PLUGINS:
+    if pymeshlab.plugin_number() < PYMESHLAB_PLUGINS:
         raise InputError(
-            f"pymeshlab: only {pymeshlab.plugin_number()} of {PLUGINS} plugins loaded; "
+            f"pymeshlab: only {pymeshlab.plugin_number()} of {PYMESHLAB_PLUGINS} plugins loaded; "
             "install the system library libopengl0"
         )
     return pymeshlab

@@ -84,7 +84,7 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "what the scene needs (.jso
 
 
 @dataclass(frozen=True)
-class Light:
+class SceneLight:
     """A light of the scene: its id (or kind and number), its kind, and Mitsuba's emitter."""
 
     id: str
@@ -223,7 +223,7 @@ def load(template: Path, mesh: Path, labels: LabelMap, lie: dict[str, str]) -> t
             mi.set_file_resolver(resolver)
 
 
-def lights_of(scene: Any) -> list[Light]:
+def lights_of(scene: Any) -> list[SceneLight]:
     """The lights of a scene; an area light has the id of its shape."""
     kinds = {
         ENVIRONMENT: mi.EmitterFlags.Infinite,
@@ -234,11 +234,11 @@ def lights_of(scene: Any) -> list[Light]:
     for number, emitter in enumerate(scene.emitters()):
         kind = next((name for name, flag in kinds.items() if mi.has_flag(emitter.flags(), flag)), "area")
         shape = emitter.get_shape()
-        lights.append(Light(emitter.id() or (shape and shape.id()) or f"{kind} {number}", kind, emitter))
+        lights.append(SceneLight(emitter.id() or (shape and shape.id()) or f"{kind} {number}", kind, emitter))
     return lights
 
 
-def look(scene: Any, cloth: set[str], lights: list[Light], size: tuple[int, int], rays: int) -> Sight:
+def look(scene: Any, cloth: set[str], lights: list[SceneLight], size: tuple[int, int], rays: int) -> Sight:
     """Shoot rays from the camera to the cloth, and from there one to each light.
 
     Parameters
@@ -302,7 +302,12 @@ def axes(footprint: Array) -> tuple[Array, Array]:
 
 
 def answer(
-    sight: Sight, lights: list[Light], placed: list[Light], regions: list[Region], texel_mm: float, measured: float
+    sight: Sight,
+    lights: list[SceneLight],
+    placed: list[SceneLight],
+    regions: list[Region],
+    texel_mm: float,
+    measured: float,
 ) -> dict[str, Any]:
     """What the cloth's pixels need; the part of the JSON (see above) from `regions` on.
 

@@ -7,7 +7,7 @@ from typing import Annotated
 from kinran import encoding, photographs
 from kinran.files import InputError
 from kinran.geometry import Distances, check_lengths
-from kinran.lights import Light, lp_file, read_lp
+from kinran.lights import LpLight, lp_file, read_lp
 from kinran.log import progress
 from kinran.radiance.exif import exif_seconds
 from kinran.radiance.exposures import time_in_name
@@ -68,7 +68,7 @@ class PhotographSet:
         Nominal exposure times of its brackets, longest first; 1 for single photographs.
     """
 
-    lights: list[Light]
+    lights: list[LpLight]
     size: tuple[int, int] = (1, 1)
     exposures_s: tuple[float, ...] = (1.0,)
 
@@ -118,7 +118,7 @@ def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
     return PhotographSet(lights, sizes[first], seconds)
 
 
-def remark_on_lengths(lights: list[Light], lamp_mm: float | None) -> str:
+def remark_on_lengths(lights: list[LpLight], lamp_mm: float | None) -> str:
     """What is to be said where the vectors look like positions but are taken for directions; else empty."""
     lengths = [light.length for light in lights]
     if lamp_mm or max(abs(length - 1) for length in lengths) < UNIT:

@@ -13,7 +13,7 @@ from PIL import Image as Pillow
 from kinran.encoding import Encoding
 from kinran.exr import read_exr
 from kinran.files import InputError
-from kinran.lights import Light
+from kinran.lights import LpLight
 from kinran.radiance.raw import RAW, is_raw, raw_size
 
 Image = NDArray[np.float32]
@@ -72,7 +72,7 @@ def parse_crop(text: str) -> Crop | None:
     return Crop(x, y, width, height)
 
 
-def find(folder: Path, lights: list[Light]) -> dict[str, Path]:
+def find(folder: Path, lights: list[LpLight]) -> dict[str, Path]:
     """Image of each light, by the light's name; suffix and capitals in the `.lp` need not be those of the file.
 
     It lies in the folder, or in the one beside the `.lp` that this names.
@@ -110,7 +110,7 @@ def _images(folder: Path) -> dict[str, list[Path]]:
     return by_stem
 
 
-def find_frames(folder: Path, lights: list[Light]) -> dict[str, list[Path]]:
+def find_frames(folder: Path, lights: list[LpLight]) -> dict[str, list[Path]]:
     """Frames of each light, by the light's name: its one image, or its bracket.
 
     A bracket is all the images in a folder of the light's name, or those named after it: ``NAME_25ms.tif``,

@@ -15,10 +15,12 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinran.files import InputError, atomic
+from kinran.lights import Light as Light
 
 Image = NDArray[np.float32]
 Flags = NDArray[np.uint8]
@@ -31,31 +33,6 @@ deviations of its noise; a defect of the sensor; the frame had moved."""
 SHARD, CHUNK = 8, 64
 LARGEST = float(np.finfo(np.float16).max)
 NAMES = ("radiance", "flags")
-
-
-@dataclass(frozen=True)
-class Light:
-    """One light of a stack.
-
-    Attributes
-    ----------
-    name
-        Of its shot or photograph.
-    direction
-        Unit vector from the field's centre, away from the surface.
-    position_mm
-        Where the lamp stands, from the field's centre; None when unknown.
-    grid
-        (iθ, iφ) in the plan's grid; None in a list.
-    held_out
-        Whether it is kept from every fit, for evaluation.
-    """
-
-    name: str
-    direction: tuple[float, float, float]
-    position_mm: tuple[float, float, float] | None = None
-    grid: tuple[int, int] | None = None
-    held_out: bool = False
 
 
 @dataclass(frozen=True)
@@ -118,7 +95,7 @@ class Stack:
         try:
             group = zarr.open_group(path, mode="r")
             values: dict[str, Any] = dict(group.attrs)
-            lights = tuple(_light(value) for value in values["lights"])
+            lights = msgspec.convert(values["lights"], tuple[Light, ...])
             arrays = group["radiance"], group["flags"]
             shape = (len(lights), values["height"], values["width"], 3)
             if any(getattr(array, "shape", None) != shape for array in arrays):
@@ -135,7 +112,7 @@ class Stack:
                 np.array(values["colour"]["to_acescg"], float).reshape(3, 3),
                 values["noise"],
                 values["unit"],
-                _vector(values["camera_mm"]) if values.get("camera_mm") else None,
+                msgspec.convert(values.get("camera_mm"), tuple[float, float, float] | None),
                 arrays,
             )
         except (KeyError, ValueError, TypeError) as error:
@@ -376,19 +353,3 @@ def unit_of(encoding: str, noise: dict[str, Any]) -> str:
     if noise.get("white") == "longest exposure":
         return "1 is white at the longest exposure"
     return "pi T: a white diffuser that faces the lamp is 1"
-
-
-def _light(value: dict[str, Any]) -> Light:
-    position, grid = value["position_mm"], value["grid"]
-    return Light(
-        value["name"],
-        _vector(value["direction"]),
-        None if position is None else _vector(position),
-        None if grid is None else (int(grid[0]), int(grid[1])),
-        bool(value["held_out"]),
-    )
-
-
-def _vector(value: Sequence[float]) -> tuple[float, float, float]:
-    x, y, z = value
-    return float(x), float(y), float(z)

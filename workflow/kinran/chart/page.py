@@ -9,8 +9,7 @@ import math
 from html import escape
 from pathlib import Path
 
-from kinran import stability
-from kinran.chart import explorer, figure, front, rows
+from kinran.chart import explorer, figure, front, rows, stability
 from kinran.chart.rows import Row
 from kinran.files import atomic
 

@@ -76,7 +76,7 @@ class Cameras:
 
 
 @dataclass(frozen=True)
-class Calibration:
+class JudgedCameras:
     """Cameras, and how far to believe them.
 
     Attributes
@@ -101,7 +101,7 @@ class Calibration:
     bend: Array
 
 
-def calibrate(points: Array, views: list[Corners], width: int, height: int) -> Calibration:
+def calibrate(points: Array, views: list[Corners], width: int, height: int) -> JudgedCameras:
     """Find the cameras of all views of a target.
 
     Parameters
@@ -130,7 +130,7 @@ def calibrate(points: Array, views: list[Corners], width: int, height: int) -> C
     seen = np.isfinite(bent).all(1)
     shift = similarity(bent[seen], points[seen]) - points[seen]
     counts = np.array([len(view.ids) for view in kept])
-    return Calibration(
+    return JudgedCameras(
         cameras,
         rms(points, kept, cameras),
         counts,
@@ -286,7 +286,7 @@ def _check_turn(cameras: Cameras) -> None:
         )
 
 
-def describe(result: Calibration) -> dict[str, Any]:
+def describe(result: JudgedCameras) -> dict[str, Any]:
     """What `cameras.json` holds: lengths in mm, angles in radians."""
     cameras = result.cameras
     theta, phi = angles(cameras.centres)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from kinran import encoding, photographs
 from kinran.exr import write_exr
 from kinran.files import InputError, write_json
-from kinran.register.cameras import Calibration, Cameras, calibrate, describe
+from kinran.register.cameras import Cameras, JudgedCameras, calibrate, describe
 from kinran.register.height import Surface, measure
 from kinran.register.rectify import FLOOR, Grid, Image, check_inside, grid_of, rectify, shifts
 from kinran.register.target import Board, detect, read_board
@@ -143,7 +143,7 @@ def grey(light: Image) -> Image:
 
 
 def judge(
-    calibration: Calibration, greys: list[Image], grid: Grid, surface: Surface, names: list[str]
+    calibration: JudgedCameras, greys: list[Image], grid: Grid, surface: Surface, names: list[str]
 ) -> dict[str, Any]:
     """What `register.json` holds: the shift of each view to the front view, through the height and on the plane."""
     cameras = calibration.cameras

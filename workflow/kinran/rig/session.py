@@ -17,7 +17,7 @@ from kinran.plans import Plan
 from kinran.rig.camera import Camera, CameraError
 from kinran.rig.errors import RebootedError, RigError
 from kinran.rig.goniometer import ALL_AXES, Goniometer
-from kinran.rig.ledger import Bracket, Wanted, mdeg, missing, read_brackets
+from kinran.rig.ledger import JournalBracket, Wanted, mdeg, missing, read_brackets
 from kinran.rig.motion import ON_TARGET_MDEG
 from kinran.rig.store import digest_on_card, land, quarantine, remove_parts, set_aside
 
@@ -173,7 +173,7 @@ class Session:
         else:
             self._quarantine(found, "not the bracket that was under way")
 
-    def _counted(self, bracket: Bracket, unknown: int) -> int:
+    def _counted(self, bracket: JournalBracket, unknown: int) -> int:
         """X-sync edges since the intent; `unknown` when the rig does not count them."""
         if self.rig.ident is None or not self.rig.ident.capabilities & X_SYNC:
             return unknown
@@ -226,7 +226,7 @@ class Session:
                 raise CameraError("the rig does not see the camera's X-sync; check the cable between them")
         raise RigError("the lamp does not hold steady; look after it, then run the capture again")
 
-    def _open(self, want: Wanted) -> tuple[Bracket, list[str]]:
+    def _open(self, want: Wanted) -> tuple[JournalBracket, list[str]]:
         """Move there, and write what is intended; or go on with the bracket that was under way."""
         subject = SUBJECTS[want.shot.kind]
         if subject != self._subject:
@@ -259,7 +259,7 @@ class Session:
             "card": self.camera.card(),
         }
         self.journal.append(intent)
-        self.brackets.append(Bracket(intent))
+        self.brackets.append(JournalBracket(intent))
         return self.brackets[-1], []
 
     def _may_complete(self, intent: Record, want: Wanted, pose: Sequence[int], photodiode: int) -> bool:
@@ -282,7 +282,7 @@ class Session:
                 self.journal.append({"t": "superseded", "intent": number, "files": files})
                 bracket.void = True
 
-    def _expose(self, bracket: Bracket, names: list[str]) -> None:
+    def _expose(self, bracket: JournalBracket, names: list[str]) -> None:
         """Take the exposures that `names` lacks, under an open shutter unless the shot is a dark one.
 
         Raises
@@ -321,7 +321,7 @@ class Session:
             " then run the capture again"
         )
 
-    def _record(self, bracket: Bracket, names: list[str], photodiode: int, how: str) -> None:
+    def _record(self, bracket: JournalBracket, names: list[str], photodiode: int, how: str) -> None:
         """Land the frames, record them, and only then delete them on the card."""
         intent = bracket.intent
         stem = f"{intent['shot']}_e{{k}}_r{intent['revision']}{self.camera.suffix}"
