@@ -112,6 +112,18 @@ def test_a_package_counts_where_a_name_is_taken_from_it(package: Path) -> None:
     assert after[1] != before[1]
 
 
+def test_templates_count_where_they_are_named(package: Path) -> None:
+    """By a module, or by a template that a module names; in a docstring a name is a mention alone."""
+    (package / "d.py").write_text('"""No "other.html"."""\n\npage = "one.html"\n')
+    for name, text in (("one", '{% extends "base.html" %}'), ("base", "<p>"), ("other", "<p>")):
+        (package / f"{name}.html").write_text(text)
+    before = fresh("p.d")
+    (package / "other.html").write_text("<b>")
+    assert fresh("p.d") == before
+    (package / "base.html").write_text("<b>")
+    assert fresh("p.d") != before
+
+
 def test_unknown_module() -> None:
     with pytest.raises(ModuleNotFoundError):
         code.digest("kinran.none")

@@ -1,4 +1,4 @@
-"""Digest of a module and of everything that it imports from this project.
+"""Digest of a module, and of what it takes from this project: modules that it imports, templates that it names.
 
 A rule holds it as a parameter, so that a job runs again when the code that it calls changes, and not when a
 comment, a docstring, the help of an option, the layout or a file's time stamp does. Imports are resolved on the file
@@ -11,10 +11,13 @@ this project hold a docstring, hand names on, or say where compiled code is kept
 import ast
 import functools
 import hashlib
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
+TEMPLATE = re.compile(r"""["']([\w-]+\.html)["']""")
+"""Name of a template, as a module or another template has it."""
 PACKAGES = {"kinran": ROOT / "workflow" / "kinran", "kinran_bsdf": ROOT / "plugins" / "kinran_bsdf"}
 
 
@@ -28,8 +31,8 @@ def digest(module: str) -> str:
         No such module in this project.
     """
     whole = hashlib.sha256()
-    for name in modules(module):
-        whole.update(name.encode() + b"\0" + _read(name)[0] + b"\0")
+    for name, content in sorted(_contents(modules(module)).items()):
+        whole.update(name.encode() + b"\0" + content.encode() + b"\0")
     return whole.hexdigest()[:12]
 
 
@@ -53,13 +56,28 @@ def modules(module: str) -> list[str]:
     return sorted(found)
 
 
+def _contents(names: list[str]) -> dict[str, str]:
+    """Modules, and the templates beside them that they, or other templates, name."""
+    found = {name: _read(name)[0] for name in names}
+    folders = {path.parent for name in names if (path := _file(name))}
+    todo = list(found.values())
+    while todo:
+        for template in TEMPLATE.findall(todo.pop()):
+            for path in (folder / template for folder in folders):
+                name = f"{path.parent.name}/{path.name}"
+                if name not in found and path.is_file():
+                    found[name] = path.read_text(encoding="utf-8")
+                    todo.append(found[name])
+    return found
+
+
 @functools.cache
-def _read(module: str) -> tuple[bytes, tuple[str, ...]]:
+def _read(module: str) -> tuple[str, tuple[str, ...]]:
     """Syntax of a module as text, and what it imports."""
     path = _file(module)
     assert path
     tree = _Running().visit(ast.parse(path.read_text(encoding="utf-8")))
-    return ast.dump(tree).encode(), tuple(_imports(tree, module, path.name == "__init__.py"))
+    return ast.dump(tree), tuple(_imports(tree, module, path.name == "__init__.py"))
 
 
 class _Running(ast.NodeTransformer):
