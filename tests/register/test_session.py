@@ -34,6 +34,17 @@ def test_report_tells_plane_from_height(registered: Path) -> None:
             assert row["plane_patches"] < row["patches"]
 
 
+def test_pycolmap_is_asked_for_by_name() -> None:
+    """It is an extra of the package: one sentence where it is missing, and no other command needs it."""
+    code = "import sys; sys.modules['pycolmap'] = None; from kinran.__main__ import main; sys.exit(main(sys.argv[1:]))"
+    arguments = ["register", "out", "--views", "front.png", "--board", "board.yaml"]
+    run = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False)
+    assert run.returncode == 2
+    assert run.stderr == (
+        "kinran register: the package pycolmap is missing, which registers views: pip install 'pycolmap>=4.2'\n"
+    )
+
+
 def test_cameras_file(registered: Path, session: Session) -> None:
     described = json.loads((registered / "cameras.json").read_text())
     assert described["first_pixel_centre"] == [0.5, 0.5]

@@ -16,7 +16,7 @@ from kinran.probes import LIBRARIES, PYMESHLAB_PLUGINS, pymeshlab_fault, variant
 
 LEAST_MEMORY_GB, LEAST_DISK_GB = 4, 3
 PACKAGES = (
-    "mitsuba", "drjit", "snakemake", "OpenEXR", "colour-science", "pycolmap", "hidapi", "libigl", "numba", "zarr",
+    "mitsuba", "drjit", "snakemake", "OpenEXR", "colour-science", "hidapi", "libigl", "numba", "zarr",
     "rawpy", "kinran-bsdf",
 )  # fmt: skip
 
@@ -92,6 +92,14 @@ def compiled() -> Finding:
     )
 
 
+def pycolmap() -> Finding:
+    """Whether side views can be registered; nothing else needs pycolmap."""
+    try:
+        return Finding(True, importlib.metadata.version("pycolmap"))
+    except importlib.metadata.PackageNotFoundError:
+        return Finding(True, "none; optional: kinran register needs it, pip install 'pycolmap>=4.2'")
+
+
 def hid() -> Finding:
     """Whether the module `hid` is that of hidapi: another package of that name hides it."""
     for name in ("hidraw", "hid"):
@@ -141,6 +149,7 @@ CHECKS: dict[str, Callable[[], Finding]] = {
     "LLVM for Mitsuba": llvm,
     "compiled plugin": compiled,
     "pymeshlab": meshlab,
+    "pycolmap": pycolmap,
     "hidapi": hid,
     "cores": cores,
     "memory": memory,

@@ -5,12 +5,16 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pycolmap
 from numpy.typing import NDArray
 
 from kinran.files import InputError
 from kinran.frames import angles
 from kinran.register.target import CENTRE, Corners
+
+try:
+    import pycolmap
+except ModuleNotFoundError:
+    raise InputError("the package pycolmap is missing, which registers views: pip install 'pycolmap>=4.2'") from None
 
 Array = NDArray[np.float64]
 
