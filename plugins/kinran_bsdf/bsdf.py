@@ -4,16 +4,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
-import mitsuba
 import numpy as np
 
+from kinran_bsdf.arrays import mi
 from kinran_bsdf.maps import PackedMaps, Term, Texel, TextureMaps
 from kinran_bsdf.material import read_material
 from kinran_bsdf.models import MODELS, TAILS, Slope
-from kinran_bsdf.models.directions import GRAZING, grazing, release
 from kinran_bsdf.models.lambert import diffuse_albedo, diffuse_lift
-
-mi: Any = mitsuba  # its types are those of the variant, at run time
+from kinran_bsdf.models.model import GRAZING, grazing, release
 
 DEFENSIVE = 0.1  # share of samples that terms get evenly, whatever their energy
 RESIDUAL_LEAST = 1e-6  # least albedo of the diffuse term in sampling, where a residual can show what no term does
@@ -284,7 +282,8 @@ def _make_class() -> Any:
                 self._measure()
 
         def to_string(self) -> str:
-            return f"Kinran[model={self.model}]"
+            values = {"model": self.model.name} | vars(self.model)
+            return f"Kinran[{', '.join(f'{name}={value}' for name, value in values.items())}]"
 
     return Kinran
 

@@ -3,20 +3,15 @@
 from typing import Any, NamedTuple
 
 import drjit as dr
-import mitsuba
 import numpy as np
-from numpy.typing import NDArray
 
 from kinran_bsdf import colours
+from kinran_bsdf.arrays import Array, Map, mi, texture
 from kinran_bsdf.material import Material
 from kinran_bsdf.models import Model
 from kinran_bsdf.models.lambert import diffuse_lift
 from kinran_bsdf.pyramid import Pyramid, halve
 from kinran_bsdf.residual_table import ResidualTable
-
-mi: Any = mitsuba  # its types are those of the variant, at run time
-
-Map = NDArray[np.float32]
 
 
 class Term(NamedTuple):
@@ -52,22 +47,12 @@ class PackedMaps:
         self.bands = 1 if mi.is_monochromatic and material.residual is None else 3
         packed = pack(material, self.bands)
         self.primaries = colours.Primaries()
-        wrap = dr.WrapMode.Repeat if wrap_mode == "repeat" else dr.WrapMode.Clamp
-        mode = dr.FilterMode.Nearest if filter_mode == "nearest" else dr.FilterMode.Linear
-        self.texture = mi.Texture2f(
-            mi.TensorXf(packed), use_accel=False, migrate=False, filter_mode=mode, wrap_mode=wrap
-        )
+        self.texture = texture(packed, filter_mode, wrap_mode)
         self.tensor: Any = None  # a copy of what the texture holds, made when somebody traverses
         self.residual = ResidualTable(material, material.residual) if material.residual else None
         self.pyramid = Pyramid(packed, self.next_level, wrap_mode) if pyramid else None
         extra = np.stack([material.channels[name] for name in self.attributes], -1)
-        self.extra = mi.Texture2f(
-            mi.TensorXf(extra),
-            use_accel=False,
-            migrate=False,
-            filter_mode=dr.FilterMode.Nearest,
-            wrap_mode=wrap,
-        )
+        self.extra = texture(extra, "nearest", wrap_mode)
 
     def fetch(self, si: Any, uv: Any, level: Any, active: Any) -> Texel:
         """The texel at `uv`."""
@@ -107,7 +92,7 @@ class PackedMaps:
             coarse[..., -3 * self.residual.count - 4 : -1] = self.residual.averaged(packed, coarse, self.radiance)
         return coarse, weights
 
-    def radiance(self, channels: list[Map], light: NDArray[np.float64]) -> list[Map]:
+    def radiance(self, channels: list[Map], light: Array) -> list[Map]:
         """T of the lobes (3 maps) under a light at the measured view."""
         ((diffuse, (x, y)), *lobes), _ = self._split(channels, np)
         view, l = (0.0, 0.0, 1.0), tuple(float(v) for v in light)  # noqa: E741 (the field's letter)
@@ -198,8 +183,8 @@ class TextureMaps:
 
     def traverse(self, callback: Any) -> None:
         """Give each texture under its name."""
-        for name, texture in self.textures.items():
-            callback.put(name, texture, mi.ParamFlags.Differentiable)
+        for name, values in self.textures.items():
+            callback.put(name, values, mi.ParamFlags.Differentiable)
 
     def changed(self) -> None:
         """Nothing is kept beside the textures."""

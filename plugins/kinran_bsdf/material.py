@@ -7,17 +7,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import mitsuba
 import numpy as np
-from numpy.typing import NDArray
 
+from kinran_bsdf.arrays import Array, Map, mi
 from kinran_bsdf.models import MODELS, TAILS, Model
 from kinran_bsdf.residual import Residual
 from kinran_bsdf.residual import channel_names as residual_names
-
-mi: Any = mitsuba  # its types are those of the variant, at run time
-
-Map = NDArray[np.float32]
 
 VERSION = "1"
 COLOUR = "lin_ap1_scene"
@@ -64,7 +59,7 @@ class Material:
     lobes: int
     regions: list[dict[str, Any]]
     colour: str
-    from_stack: NDArray[np.float64]
+    from_stack: Array
     texel_mm: float | None
     source: str
     theta_max: float

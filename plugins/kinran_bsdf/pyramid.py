@@ -8,17 +8,12 @@ from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
-import mitsuba
 import numpy as np
-from numpy.typing import NDArray
 
 from kinran_bsdf import mixture
+from kinran_bsdf.arrays import Map, mi, texture
 from kinran_bsdf.mixture import mean
 from kinran_bsdf.models import Model
-
-mi: Any = mitsuba  # its types are those of the variant, at run time
-
-Map = NDArray[np.float32]
 
 BLOCK = 1 << 16  # texels at a time: a block stays in the cache
 
@@ -89,13 +84,7 @@ class Pyramid:
             layout.append([level.shape[1], level.shape[0], top + 1])
             top += height
         self.layout = mi.Texture1f(mi.TensorXf(np.array(layout, np.float32)), filter_mode=dr.FilterMode.Nearest)
-        self.texture = mi.Texture2f(
-            mi.TensorXf(atlas),
-            use_accel=False,
-            migrate=False,
-            filter_mode=dr.FilterMode.Linear,
-            wrap_mode=dr.WrapMode.Clamp,
-        )
+        self.texture = texture(atlas)
 
     def fetch(self, uv: Any, level: Any, active: Any) -> Any:
         """Packed channels at `uv` of the level nearest to `level`, from 1 up."""

@@ -3,17 +3,16 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from kinran_bsdf.arrays import Array, Map
 from kinran_bsdf.colours import TO_REC709
-from kinran_bsdf.models.directions import grazing
 from kinran_bsdf.models.lambert import diffuse, diffuse_albedo, diffuse_lift
+from kinran_bsdf.models.model import grazing
 from kinran_bsdf.residual import relit
 
 if TYPE_CHECKING:
     from kinran_bsdf.material import Material
-
-Map = NDArray[np.float32]
 
 
 def relight(material: "Material", lights: ArrayLike) -> Map:
@@ -84,7 +83,7 @@ def _terms(material: "Material", rows: slice) -> list[tuple[Map, Map]]:
     return [(c @ back, np.ascontiguousarray(np.moveaxis(s, -1, 0))) for c, s in material.terms(rows)]
 
 
-def _radiance(material: "Material", terms: list[tuple[Map, Map]], light: NDArray[np.float64]) -> Map:
+def _radiance(material: "Material", terms: list[tuple[Map, Map]], light: Array) -> Map:
     view, l = (0.0, 0.0, 1.0), tuple(float(v) for v in light)  # noqa: E741 (the field's letter)
     if l[2] <= 0:
         return np.zeros_like(terms[0][0])

@@ -12,7 +12,7 @@ from kinran.exr import write_rgb
 from kinran.files import InputError
 from kinran.lights import Light, directions, read_lp
 from kinran_bsdf.material import Material, read_material
-from kinran_bsdf.models import relight
+from kinran_bsdf.relight import relight
 
 BATCH = 16
 

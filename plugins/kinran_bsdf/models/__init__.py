@@ -10,15 +10,14 @@ place in `MODELS`; compiled twins (the solver's lobes, `native/models.h`) are he
 
 from typing import Any
 
-from kinran_bsdf.models.directions import half_angles
 from kinran_bsdf.models.lambert import Lambert, diffuse
 from kinran_bsdf.models.model import Model
 from kinran_bsdf.models.slope import TAILS, Slope
-from kinran_bsdf.models.takeda2008 import Takeda2008
-from kinran_bsdf.relight import albedo, clamp, relight, relight_texels
+from kinran_bsdf.models.takeda2008 import Takeda2008, half_angles
+from kinran_bsdf.relight import clamp, relight
 
 __all__ = ["MODELS", "TAILS", "Lambert", "Model", "Slope", "Takeda2008"]
-__all__ += ["albedo", "clamp", "diffuse", "half_angles", "relight", "relight_texels"]
+__all__ += ["clamp", "diffuse", "half_angles", "relight"]
 
 MODELS: dict[str, type[Model]] = {model.name: model for model in (Takeda2008, Slope, Lambert)}
 

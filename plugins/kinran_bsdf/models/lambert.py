@@ -5,8 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from kinran_bsdf.models.directions import release
-from kinran_bsdf.models.model import Model
+from kinran_bsdf.models.model import Model, release
 
 PI = float(np.pi)
 

@@ -1,13 +1,17 @@
-"""What a reflection model is: all that the fit, the relighting and the renderer ask of one."""
+"""What a reflection model is: all that the fit, the relighting and the renderer ask of one.
+
+Directions are triples of NumPy or of Dr.Jit arrays in the frame of the fabric: X weft, Y warp, Z normal.
+"""
 
 from types import ModuleType
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-Map = NDArray[np.float32]
+from kinran_bsdf.arrays import Map, Mask
 
+GRAZING = float(np.cos(np.radians(85.0)))
+"""Cosine from which T fades to the horizon: the paper's grid of lights ends at 80°."""
 WIDTH_FLOOR = 1e-3  # radians, or slope at N; its square is the floor of a variance
 
 
@@ -44,9 +48,6 @@ class Model:
         """The model as the header of a material describes it; a model without a tail ignores it."""
         return cls()
 
-    def __str__(self) -> str:
-        return self.name
-
     @property
     def terms(self) -> dict[str, dict[str, float]]:
         """Parameters of the diffuse term, then of each lobe, by the name of the term."""
@@ -73,7 +74,7 @@ class Model:
         """Squared width of a lobe whose slopes have the variance 1, judged by how it falls at its centre."""
         raise NotImplementedError
 
-    def without_width(self, shape: Any) -> NDArray[np.bool_]:
+    def without_width(self, shape: Any) -> Mask:
         """Which lobes are none, as they have no positive width."""
         raise NotImplementedError
 
@@ -92,3 +93,16 @@ class Model:
     def density(self, shape: list[Any], view: Any, light: Any) -> Any:
         """Density in solid angle of the light that `sample` leads to from `view`: p(h) / (4 v·h) (Dr.Jit)."""
         raise NotImplementedError
+
+
+def release(view: Any, light: Any, *, xp: ModuleType = np) -> Any:
+    """1 where view or light is N, falling to 0.32 at 30° and 0.004 at 60°: how far data speak there."""
+    c = xp.maximum(view[2], light[2])
+    c = c * c
+    c = c * c
+    return c * c
+
+
+def grazing(theta_max: float) -> float:
+    """Cosine from which T fades to the horizon: of 85°, or of the lowest measured light if that is lower."""
+    return float(min(GRAZING, max(np.cos(theta_max), 1e-3)))

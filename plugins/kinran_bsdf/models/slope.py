@@ -5,14 +5,10 @@ from types import ModuleType
 from typing import Any, ClassVar
 
 import drjit as dr
-import mitsuba
 import numpy as np
-from numpy.typing import NDArray
 
-from kinran_bsdf.models.directions import half_slopes, release
-from kinran_bsdf.models.model import WIDTH_FLOOR, Map, Model
-
-mi: Any = mitsuba  # its types are those of the variant, at run time
+from kinran_bsdf.arrays import Map, Mask, mi
+from kinran_bsdf.models.model import WIDTH_FLOOR, Model, release
 
 PI = float(np.pi)
 TAILS = ("gaussian", "ggx")
@@ -48,9 +44,6 @@ class Slope(Model):
     @classmethod
     def of(cls, tail: str, lobes: int) -> "Slope":
         return cls(tail, lobes)
-
-    def __str__(self) -> str:
-        return f"{self.name}, tail={self.tail}, lobes={self.lobes}"
 
     @property
     def spread(self) -> int:
@@ -96,7 +89,7 @@ class Slope(Model):
                 total += (square < 1) / (1 + square) ** 2
         return total * a * c * np.float32(4 * PI / nodes**2)
 
-    def without_width(self, shape: Any) -> NDArray[np.bool_]:
+    def without_width(self, shape: Any) -> Mask:
         _, _, xx, xy, yy = shape
         return np.asarray((xx <= 0) | (yy <= 0) | (xx * yy - xy * xy < 0))
 
@@ -127,6 +120,12 @@ class Slope(Model):
         _, _, xx, xy, yy = shape
         value = self.of_slopes(x / z, y / z, *shape, xp=dr)
         return value * square / (2 * dr.pi * dr.sqrt(xx * yy - xy * xy) * z * z * z)
+
+
+def half_slopes(view: Any, light: Any) -> tuple[Any, Any]:
+    """Slopes (h_x / h_z, h_y / h_z) of the half vector of two unit vectors, given as triples."""
+    z = view[2] + light[2]
+    return (view[0] + light[0]) / z, (view[1] + light[1]) / z
 
 
 def lobe_lift(view: Any, light: Any, floor: Any, *, xp: ModuleType = np) -> Any:

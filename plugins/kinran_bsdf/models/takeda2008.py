@@ -4,14 +4,10 @@ from types import ModuleType
 from typing import Any, ClassVar
 
 import drjit as dr
-import mitsuba
 import numpy as np
-from numpy.typing import NDArray
 
-from kinran_bsdf.models.directions import half_angles
-from kinran_bsdf.models.model import WIDTH_FLOOR, Map, Model
-
-mi: Any = mitsuba  # its types are those of the variant, at run time
+from kinran_bsdf.arrays import Map, Mask, mi
+from kinran_bsdf.models.model import WIDTH_FLOOR, Model
 
 PI = float(np.pi)
 NEWTON_STEPS = 8  # with 4 wide lobes come out biased
@@ -68,7 +64,7 @@ class Takeda2008(Model):
             azimuthal += np.exp(-((reach * u / dp) ** 2))
         return polar * (high - low) * azimuthal * 2 * reach * np.float32(1 / nodes**2)
 
-    def without_width(self, shape: Any) -> NDArray[np.bool_]:
+    def without_width(self, shape: Any) -> Mask:
         _, _, dt, dp = shape
         return np.asarray((dt <= 0) | (dp <= 0))
 
@@ -112,6 +108,12 @@ class Takeda2008(Model):
         value = self.of_angles(theta_h, phi_h, theta, phi, dt, dp, xp=dr) * ratio
         density = dr.select(norm > 0, value / dr.maximum(norm, 1e-30), 0)
         return density / dr.maximum(2 * dr.sqrt(x * x + y * y + z * z), 1e-6)
+
+
+def half_angles(view: Any, light: Any, *, xp: ModuleType = np) -> tuple[Any, Any]:
+    """Polar angles (θ_h, φ_h) of the half vector of two unit vectors, given as triples; φ_h = 0 at N."""
+    x, y, z = view[0] + light[0], view[1] + light[1], view[2] + light[2]
+    return xp.atan2(xp.sqrt(x * x + y * y), z), xp.atan2(y, x)
 
 
 def _primitive(x: Any, m: Any, s: Any) -> Any:
