@@ -26,6 +26,7 @@ import numpy as np
 import kinran_bsdf
 from kinran_bsdf import Material
 from kinran_bsdf.material import COLOUR
+from kinran_bsdf.relight import relight
 
 ROUNDS = 9
 
@@ -273,7 +274,7 @@ def table(folder: Path) -> dict[str, Any]:
     path = folder / "table.exr"
     m = material(size)
     kinran_bsdf.write_material(path, m)
-    values = kinran_bsdf.models.relight(m, lights).reshape(len(lights), -1, 3)
+    values = relight(m, lights).reshape(len(lights), -1, 3)
     tree, rng = cKDTree(lights), np.random.default_rng(3)
     bsdf = mi.load_dict({"type": "kinran", "filename": str(path), "filter": "nearest"})
     si = dr.zeros(mi.SurfaceInteraction3f, n)

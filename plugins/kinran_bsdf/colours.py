@@ -9,13 +9,9 @@ averaged into a pyramid and optimised, and values above 1 do not saturate.
 from typing import Any
 
 import drjit as dr
-import mitsuba
 import numpy as np
-from numpy.typing import NDArray
 
-mi: Any = mitsuba  # its types are those of the variant, at run time
-
-Map = NDArray[np.float32]
+from kinran_bsdf.arrays import Map, mi
 
 # ACEScg (AP1, D60) to linear Rec.709 (D65), Bradford adaptation
 TO_REC709 = np.array(

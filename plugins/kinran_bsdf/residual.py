@@ -15,10 +15,9 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
-Map = NDArray[np.float32]
+from kinran_bsdf.arrays import Array, Map
 
 LOG_COMPRESSION = 500.0
 

@@ -13,7 +13,7 @@ from kinran.files import InputError
 from kinran.lights import LpLight, directions, read_lp
 from kinran.log import progress
 from kinran_bsdf.material import Material, read_material
-from kinran_bsdf.models import relight
+from kinran_bsdf.relight import relight
 
 BATCH = 16
 

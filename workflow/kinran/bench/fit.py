@@ -21,7 +21,7 @@ from kinran.files import write_json
 from kinran.fit import bounded, learned, samples, slope, takeda
 from kinran.fit.predict import predict
 from kinran.virtual.weave import VirtualFabric
-from kinran_bsdf import models
+from kinran_bsdf.models import Takeda2008
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -251,8 +251,7 @@ def _four_steps(T: Single, lights: Array, scene: Truth) -> dict[str, Any]:
 
 def _eq3(shapes: Array, colours: Array, scene: Truth) -> Single:
     lights = scene.lights[scene.held]
-    half = models.half_angles((0.0, 0.0, 1.0), tuple(lights.T))
-    lobe = models.takeda_lobe(*half, *(shapes[:, k, None] for k in range(4)))
+    lobe = Takeda2008().value((0.0, 0.0, 1.0), tuple(lights.T), [shapes[:, k, None] for k in range(4)])
     C = colours[..., None]
     return np.asarray(C[:, 0] * lobe[:, None] + C[:, 1] * lights[:, 2], np.float32)
 

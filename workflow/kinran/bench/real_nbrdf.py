@@ -14,7 +14,7 @@ from kinran.files import InputError
 from kinran.fit import learned, residual, slope, takeda
 from kinran.fit.plates import plates
 from kinran.fit.predict import predict
-from kinran_bsdf import models
+from kinran_bsdf.models import Takeda2008
 from kinran_bsdf.residual import Residual, compress, expand
 
 Array = NDArray[np.float64]
@@ -129,8 +129,7 @@ def _material(net: Net, rng: np.random.Generator) -> dict[str, float]:
     T, W = np.ascontiguousarray(seen[..., ~held]), np.ones((TEXELS, int((~held).sum())), np.float32)
     known, asked = lights[~held], lights[held]
     steps = takeda.four_steps(T, known, np.radians(2.5), np.radians(2.6))
-    half = models.half_angles((0.0, 0.0, 1.0), tuple(asked.T))
-    lobe = models.takeda_lobe(*half, *(steps.shapes[:, k, None] for k in range(4)))
+    lobe = Takeda2008().value((0.0, 0.0, 1.0), tuple(asked.T), [steps.shapes[:, k, None] for k in range(4)])
     C = steps.colours[..., None]
     region = np.zeros(TEXELS, np.intp)
 

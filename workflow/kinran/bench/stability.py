@@ -28,7 +28,7 @@ from kinran.bench.texels import (
 from kinran.files import write_json
 from kinran.fit import bounded, learned, reweighted, slope, strength, takeda, trust
 from kinran.fit.predict import predict
-from kinran_bsdf import models
+from kinran_bsdf.models import Takeda2008
 
 Row = dict[str, Any]
 
@@ -56,7 +56,7 @@ def azimuth_wrap(split: Split) -> Iterator[Row]:
     theta, phi = frames.angles(frames.half_vector(split.lights))
     methods = {PRINTED: joint(False), JOINT: joint(), "Gaussian lobe": lobes("gaussian")}
     for degrees in (180, 30, 15, 5, 355):
-        G = models.takeda_lobe(theta, phi, np.radians(20), np.radians(degrees), 0.15, 0.5)
+        G = Takeda2008.of_angles(theta, phi, np.radians(20), np.radians(degrees), 0.15, 0.5)
         clean = np.repeat((2 * G + 0.1 * split.lights[:, 2])[None, None], 3, 1).repeat(4, 0).astype(np.float32)
         yield from _rows("azimuth wraps", f"φ_n {degrees}°", split, clean, methods)
 

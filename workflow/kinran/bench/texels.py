@@ -10,7 +10,8 @@ from kinran import frames
 from kinran.fit import slope, takeda
 from kinran.fit.lobes import squared_widths
 from kinran.fit.predict import predict
-from kinran_bsdf import models
+from kinran_bsdf.models import Slope
+from kinran_bsdf.models.lambert import diffuse
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.float32]
@@ -31,8 +32,8 @@ def radiance(shapes: Array, colours: Array, lights: Array, tail: str = "ggx") ->
     s = frames.slopes(lights)
     x, y, nx, ny = (shapes[:, k, None] for k in (0, 1, 5, 6))
     xx, xy, yy = (w[:, None] for w in squared_widths(shapes[:, :5]))
-    G = models.slope_lobe(s[:, 0], s[:, 1], x, y, xx, xy, yy, tail)
-    D = models.diffuse(lights.T, nx, ny)
+    G = Slope(tail).of_slopes(s[:, 0], s[:, 1], x, y, xx, xy, yy)
+    D = diffuse(lights.T, nx, ny)
     return np.asarray(colours[:, 0, :, None] * G[:, None] + colours[:, 1, :, None] * D[:, None], np.float32)
 
 
@@ -50,7 +51,7 @@ def microfacets(shapes: Array, colours: Array, lights: Array) -> Samples:
     D = ((1 + (ea * x + b * y) ** 2 + (ec * y) ** 2) * cosine**2) ** -2
     width = 1 / np.sqrt(ea * ec)
     shadowed = _smith(width, towards[:, 2]) * _smith(width, n[:, 2:]) * (towards[:, 2] > 0) / n[:, 2:]
-    cos_n = models.diffuse(lights.T, shapes[:, 5, None], shapes[:, 6, None])
+    cos_n = diffuse(lights.T, shapes[:, 5, None], shapes[:, 6, None])
     return np.asarray(colours[:, 0, :, None] * (D * shadowed)[:, None] + colours[:, 1, :, None] * cos_n[:, None], "f4")
 
 

@@ -1,6 +1,6 @@
 """The section of the report in which a reader moves the light: the fitted material, relit on a grid of lights.
 
-The pictures are what `kinran_bsdf.models.relight` says, tiles of one sheet; the page blends the four nearest.
+The pictures are what `kinran_bsdf.relight.relight` says, tiles of one sheet; the page blends the four nearest.
 """
 
 import base64
@@ -15,7 +15,7 @@ from PIL import Image
 from kinran import pictures
 from kinran_bsdf.colours import TO_REC709
 from kinran_bsdf.material import Material
-from kinran_bsdf.models import relight
+from kinran_bsdf.relight import relight
 
 SIDE = 17
 """Lights along each axis of (l_x, l_y)."""
