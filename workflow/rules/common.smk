@@ -34,7 +34,7 @@ kinds = sorted(p.stem for p in PACKAGES["kinran"].glob("chart/methods/[a-z]*.py"
 wildcard_constraints:
     fabric="[a-z0-9][a-z0-9_-]*",
     group="[0-9]+|calibration",
-    model="slope|takeda2008|lambert",
+    model="|".join(models),
     job="[0-9]+",
 
 

@@ -15,7 +15,8 @@ from kinran.files import InputError, sha256, write_json
 from kinran.fit.regions import chosen_lobes, lobed_labels
 from kinran.labels import LabelMap
 from kinran_bsdf.material import Material, write_material
-from kinran_bsdf.models import clamp
+from kinran_bsdf.models import MODELS, Lambert, Slope
+from kinran_bsdf.relight import clamp
 
 log = logging.getLogger(__name__)
 
@@ -46,7 +47,7 @@ class Outputs:
 class Options:
     """What was fitted."""
 
-    model: Annotated[Literal["takeda2008", "slope", "lambert"], "model of the material"] = "slope"
+    model: Annotated[str, "model of the material"] = Slope.name
     lobes: Annotated[Literal[1, 2], "number of lobes of the slope model"] = 1
     tail: Annotated[Literal["gaussian", "ggx"], "tail of its lobes"] = "ggx"
     fitted: Annotated[tuple[int, ...] | None, "labels that have a lobe (default: all)"] = None
@@ -80,16 +81,18 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
 def _material(fabric: Fabric, inputs: Inputs, options: Options, maps: dict[str, Map]) -> Material:
     """The material of all maps, without its albedo bound."""
     stack, model = fabric.stack, options.model
+    if model not in MODELS:
+        raise InputError(f"model {model}: is none of {', '.join(MODELS)}")
     lobes = chosen_lobes(inputs.choice, options.tail, options.lobes)
     lobed = lobed_labels(fabric.labels, options.fitted, inputs.need, inputs.choice)
     channels = _material_channels(maps, stack.to_acescg)
     channels["label"] = fabric.labels.astype(np.float32)
-    models = [model if lobed is None or r.label in lobed else "lambert" for r in fabric.regions]
+    models = [model if lobed is None or r.label in lobed else Lambert.name for r in fabric.regions]
     return Material(
         channels=channels,
         model=model,
-        tail=lobes.tail if model == "slope" else "ggx",
-        lobes={"lambert": 0, "slope": lobes.count}.get(model, 1),
+        tail=lobes.tail,
+        lobes=MODELS[model].of(lobes.tail, lobes.count).lobes,
         regions=[{"label": r.label, "name": r.name, "model": of} for r, of in zip(fabric.regions, models, strict=True)],
         colour="lin_ap1_scene",
         from_stack=stack.to_acescg,

@@ -18,7 +18,8 @@ from kinran.fit.samples import Samples, read_samples
 from kinran.fit.slope import Lobes, SlopeFit
 from kinran.fit.solver.lobes import LOBE_SIZE, narrowest
 from kinran.log import progress
-from kinran_bsdf.material import SHAPES, Material, read_material
+from kinran_bsdf.material import Material, read_material
+from kinran_bsdf.models import Slope
 
 Array = NDArray[np.float64]
 Map = NDArray[np.float32]
@@ -59,8 +60,8 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
     fabric = Fabric(inputs.fabric)
     stack, labels = fabric.stack, fabric.labels
     material = read_material(inputs.material)
-    if material.model != "slope":
-        raise InputError(f"{inputs.material}: is of model {material.model}; give one of model slope")
+    if not isinstance(material.reflection, Slope):
+        raise InputError(f"{inputs.material}: is of model {material.model}; give one of model {Slope.name}")
     priors = Priors.read(inputs.prior, stack)
     least = AT_BOUND * slope.resolution(stack.directions[~stack.held_out], material.lobes)
     maps: dict[str, Map] = {}
@@ -109,7 +110,7 @@ def deviations(material: Material, shapes: Array, covariance: Array) -> dict[str
     for k in range(material.lobes):
         at = slice(LOBE_SIZE * k, LOBE_SIZE * (k + 1))
         sd = propagated(covariance[:, at, at], _of_widths(shapes[:, at]))
-        maps.update({f"sigma.lobe{k + 1}.{name}": sd[:, i] for i, name in enumerate(SHAPES["slope"])})
+        maps.update({f"sigma.lobe{k + 1}.{name}": sd[:, i] for i, name in enumerate(Slope.parameters)})
     size = shapes.shape[1]
     normal = slice(size - 2, size)
     sd = propagated(covariance[:, normal, normal], np.eye(2)[None])

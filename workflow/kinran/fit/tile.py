@@ -43,7 +43,7 @@ class Inputs:
 class Options:
     """What is fitted, and to which texels."""
 
-    model: Annotated[Literal["takeda2008", "slope", "lambert"], "model of the material"] = "slope"
+    model: Annotated[str, "model of the material"] = "slope"
     lobes: Annotated[Literal[1, 2], "number of lobes of the slope model"] = 1
     tail: Annotated[Literal["gaussian", "ggx"], "tail of its lobes"] = "ggx"
     fitted: Annotated[tuple[int, ...] | None, "labels that get a lobe (default: all); the rest stay a texture"] = None
@@ -83,6 +83,8 @@ class _Job:
 
     @classmethod
     def of(cls, fabric: Fabric, inputs: Inputs, options: Options) -> "_Job":
+        if options.model not in FITS:
+            raise InputError(f"model {options.model}: is none of {', '.join(FITS)}")
         lobes = chosen_lobes(inputs.choice, options.tail, options.lobes)
         lobed = lobed_labels(fabric.labels, options.fitted, inputs.need, inputs.choice)
         priors = Priors.read(inputs.prior, fabric.stack) if inputs.prior else None
