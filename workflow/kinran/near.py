@@ -47,7 +47,7 @@ class Under:
     @classmethod
     def far(cls, directions: ArrayLike, texels: int = 1) -> "Under":
         """Lights (light, 3) and camera that are far away: all texels are one cell."""
-        lights = np.asarray(directions, float)
+        lights = np.ascontiguousarray(directions, float)
         return cls(lights, lights[None], frames.slopes(lights)[None], np.zeros(texels, np.intp))
 
     @property

@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from kinran import frames
 from kinran.bench.texels import (
     Array,
     Method,
-    Samples,
+    Single,
     Split,
     facets,
     four_steps,
@@ -21,13 +22,15 @@ from kinran.bench.texels import (
     lobes,
     microfacets,
     noisy,
-    ones,
+    sampled,
     spread,
     texels,
 )
 from kinran.files import write_json
 from kinran.fit import bounded, learned, reweighted, slope, strength, takeda, trust
-from kinran.fit.predict import predict
+from kinran.fit.samples import Samples
+from kinran.fit.slope import Lobes
+from kinran.near import Under
 from kinran_bsdf.models import Takeda2008
 
 Row = dict[str, Any]
@@ -40,6 +43,8 @@ FACE, LEFT_OUT_HELD = "at face value", "left out, prior of the region"
 BOUNDED = "bounds, prior of the region"
 NEEDLES, RESOLVED = f"{PAIR}, widths from 0.02", f"{PAIR}, widths that the lights resolve"
 DRIFT, MONITORS = "GGX lobe, drift left in", "GGX lobe, monitors"
+HALF = slice(None, None, 2)
+"""Texels that priors are learned from."""
 SHOTS = (4000, 1000, 250, 100, 25)
 """Shutter speeds of the paper's bracket, the shortest exposure first."""
 
@@ -155,8 +160,9 @@ def diffuse_colour(split: Split) -> Iterator[Row]:
         colours[:, 1] = level
         clean = microfacets(shapes, colours, split.lights)
         T = noisy(clean if shade is None else clean * shade, floor=0.0003)
-        steps = takeda.four_steps(T, split.lights, np.radians(2.5), np.radians(7.6)).colours[:, 1]
-        found = {FOUR: steps, GGX: slope.fit(T, ones(T), split.lights).colours[:, 1]}
+        samples = sampled(T, split.lights)
+        steps = takeda.four_steps(samples, np.radians(2.5), np.radians(7.6)).colours[:, 1]
+        found = {FOUR: steps, GGX: slope.fit(samples, Lobes()).colours[:, 1]}
         for name, C_d in found.items():
             setting = f"C_d {level}" + (", that side in shadow" if shade is not None else "")
             yield _row("diffuse colour C_d", setting, name, np.abs(C_d / level - 1).mean(1))
@@ -305,7 +311,7 @@ def worst(rows: list[Row], fails: str, holds: str) -> Row:
 
 
 def _rows(
-    case: str, parameter: str, split: Split, clean: Samples, methods: dict[str, Method], seen: Samples | None = None
+    case: str, parameter: str, split: Split, clean: Single, methods: dict[str, Method], seen: Single | None = None
 ) -> Iterator[Row]:
     """A row a method; samples with 1 % and 0.003 noise where none are given."""
     given = noisy(clean) if seen is None else seen
@@ -341,29 +347,27 @@ def _thinned(split: Split, count: int) -> tuple[Split, NDArray[np.intp]]:
 
 def _held_by_region(tail: str = "ggx", count: int = 1, full: NDArray[np.bool_] | None = None) -> Method:
     """As the pipeline fits: under priors learned from half of the texels, and with saturated samples as bounds."""
+    lobes_ = Lobes(tail, count)
 
-    def method(T: Samples, W: Samples, lights: Array, at: Array) -> Samples:
-        region = np.zeros(len(T), np.intp)
-        kind = tail, count, learned.learn_priors(T[::2], W[::2], lights, region[::2], 1, tail, count), region
-        fitted = slope.fit(T, W, lights, *kind)
+    def method(samples: Samples, at: Under) -> Single:
         if full is not None:
-            fitted = bounded.refit(fitted, T, W, full.astype(np.float32), lights, *kind, 1, frames.slopes(lights))
-        return predict(fitted, at, tail)
+            samples = replace(samples, bounds=full.astype(np.float32))
+        priors = learned.learn_priors(samples.of(HALF), 1, lobes_)
+        return bounded.refit(slope.fit(samples, lobes_, priors), samples, priors).predict(at)
 
     return method
 
 
-def _held_as_far(T: Samples, W: Samples, lights: Array, at: Array) -> Samples:
+def _held_as_far(samples: Samples, at: Under) -> Single:
     """By as much of the region's prior as lights left out bear, as the stage `prior` does."""
-    region = np.zeros(len(T), np.intp)
-    priors = learned.learn_priors(T[::2], W[::2], lights, region[::2], 1)
-    priors = strength.weigh(priors, T[::2], W[::2], lights, region[::2])
-    return predict(slope.fit(T, W, lights, priors=priors, region=region), at)
+    half, lobes_ = samples.of(HALF), Lobes()
+    priors = strength.weigh(learned.learn_priors(half, 1, lobes_), half, lobes_)
+    return slope.fit(samples, lobes_, priors).predict(at)
 
 
-def _trusted(T: Samples, W: Samples, lights: Array, at: Array) -> Samples:
+def _trusted(samples: Samples, at: Under) -> Single:
     """By the samples that the stages `prior` and `fit` trust, with the loss that they take."""
-    found = trust.learn(T, W, lights, "ggx", 1, 1)
-    W = W * found.lights
-    fitted = reweighted.robust(T, W, lights)[0] if found.outliers else slope.fit(T, W, lights)
-    return predict(fitted, at)
+    factors, outliers = trust.learn(samples, Lobes(), 1)
+    samples = samples.weighed(factors)
+    fitted = reweighted.robust(samples, Lobes())[0] if outliers else slope.fit(samples, Lobes())
+    return fitted.predict(at)

@@ -211,7 +211,8 @@ class _Job:
     def block(self, cell: int, at: Index) -> SlopeFit:
         """Fit of some texels of one cell."""
         samples = self.samples
-        T, W, region = samples.T[at], samples.W[at], samples.region[at]
+        # of another layout the solver would be compiled anew
+        T, W, region = np.ascontiguousarray(samples.T[at]), np.ascontiguousarray(samples.W[at]), samples.region[at]
         lights = _rows(samples.under.lights[cell], samples.under.slopes[cell])
         start = None if self.start is None else self.start[at]
         if self.priors is None:
