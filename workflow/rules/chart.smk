@@ -116,6 +116,6 @@ rule charts:
     log:
         "logs/charts.log",
     params:
-        code=digest("kinran.chart.page"),
+        code=[digest("kinran.chart.page"), *templates("chart")],
     shell:
         "python -m kinran charts {output:q} --charts {input.charts:q} --stability {input.stability:q} 2>&1 | tee {log}"

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from kinran.code import PACKAGES, digest
 from kinran.config import lobes_of, read_fabrics, read_revisions
-from kinran.files import InputError
+from kinran.files import InputError, sha256
 from snakemake.exceptions import WorkflowError
 
 # jobs use the interpreter that runs Snakemake, with or without an activated environment
@@ -41,6 +41,15 @@ wildcard_constraints:
 def any_of(names):
     """Pattern of these names, and of nothing where there are none."""
     return "|".join(names) or "(?!)"
+
+
+def templates(room):
+    """Digests of the templates of a room's pages, and of the page that they all extend."""
+    package = PACKAGES["kinran"]
+    return [
+        sha256(path)
+        for path in sorted([package / "page.html", *package.glob(f"{room}/*.html")])
+    ]
 
 
 def manifests(wildcards):

@@ -1,11 +1,14 @@
 """A drawing that is written as SVG and as PNG from the same marks."""
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from html import escape
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from kinran.files import atomic
@@ -13,6 +16,8 @@ from kinran.files import atomic
 INK, FAINT, GRID, PAPER = "#2b2723", "#8a8178", "#e4ddd3", "#fffdf9"
 PLAIN = str.maketrans({"θ": "theta", "µ": "u", "–": "-", "×": "x", "≤": "<=", "≥": ">=", "…": "...", "·": "."})
 """What Pillow's own font cannot write."""
+DASH, STEP = 5, 9
+"""Length of a dash, and of a dash with its gap, in pixels."""
 
 Point = tuple[float, float]
 
@@ -24,21 +29,21 @@ class Mark:
     Attributes
     ----------
     kind
-        ``line`` (of any number of points), ``dot``, ``ring``, ``box`` (two corners) or ``text``.
+        ``line`` (through any number of points), ``dot``, ``ring``, ``box`` (two corners) or ``text``.
     points
-        Where, in pixels from the top left.
+        Where it is, in pixels from the top left.
     colour
-        As ``#rrggbb``.
+        As ``#rrggbb`` or ``rgb(r,g,b)``.
     size
         Width of a line, radius of a dot, height of text.
     text
-        What a text says; of other marks what a pointer over them shows.
+        What a text says; of other marks, what a pointer over them shows.
     anchor
         Of a text: ``start``, ``middle`` or ``end``.
     dashed
         Whether a line is.
     series
-        Name of what it belongs to, by which a page can pick it out; empty for axes.
+        Name of what the mark belongs to, by which a page can pick it out; empty for axes.
     """
 
     kind: str
@@ -79,21 +84,27 @@ class Canvas:
 
     def paste(self, other: "Canvas", x: float, y: float) -> None:
         """Draw another canvas with its top left corner at (x, y)."""
-        for mark in other.marks:
-            points = tuple((px + x, py + y) for px, py in mark.points)
-            self.marks.append(Mark(**{**mark.__dict__, "points": points}))
+        self.marks += [replace(m, points=tuple((px + x, py + y) for px, py in m.points)) for m in other.marks]
 
-    def svg(self) -> str:
-        """The drawing as an SVG element."""
-        head = (
-            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {self.width} {self.height}" '
-            f'width="{self.width}" height="{self.height}" style="max-width:100%;height:auto" '
-            'font-family="system-ui, sans-serif" role="img">'
+    def svg(self, title: str) -> Markup:
+        """The drawing as an SVG element; `title` is for readers who do not see it."""
+        paper = _element("rect", "", width=self.width, height=self.height, fill=PAPER)
+        return Markup(
+            _element(
+                "svg",
+                paper + "".join(map(_svg, self.marks)),
+                xmlns="http://www.w3.org/2000/svg",
+                viewBox=f"0 0 {self.width} {self.height}",
+                width=self.width,
+                height=self.height,
+                style="max-width:100%;height:auto",
+                font_family="system-ui, sans-serif",
+                role="img",
+                aria_label=title,
+            )
         )
-        paper = f'<rect width="{self.width}" height="{self.height}" fill="{PAPER}"/>'
-        return head + paper + "".join(_svg(mark) for mark in self.marks) + "</svg>"
 
-    def png(self, scale: int = 2) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
+    def png(self, scale: int = 2) -> NDArray[np.uint8]:
         """The drawing as a picture, `scale` pixels to each of its own."""
         image = Image.new("RGB", (self.width * scale, self.height * scale), PAPER)
         draw = ImageDraw.Draw(image)
@@ -106,45 +117,48 @@ def write(path: Path, canvas: Canvas) -> None:
     """Write a canvas as SVG or PNG, by the suffix, atomically."""
     with atomic(path) as temporary:
         if path.suffix == ".svg":
-            temporary.write_text(canvas.svg(), encoding="utf-8")
+            temporary.write_text(canvas.svg(path.stem), encoding="utf-8")
         else:
             Image.fromarray(canvas.png()).save(temporary, "PNG", optimize=True)
 
 
+def _element(name: str, inside: str, **attributes: object) -> str:
+    """SVG element around markup; numbers to a tenth of a pixel, and no attribute that is empty."""
+    words = [name]
+    for key, value in attributes.items():
+        text = f"{round(value, 1):g}" if isinstance(value, float) else str(value)
+        words += [f'{key.replace("_", "-")}="{escape(text)}"'] if text else []
+    return f"<{' '.join(words)}>{inside}</{name}>"
+
+
 def _svg(mark: Mark) -> str:
-    series = f' data-series="{escape(mark.series)}"' if mark.series else ""
-    title = f"<title>{escape(mark.text)}</title>" if mark.text and mark.kind != "text" else ""
+    drawn: dict[str, object]
     (x, y), *rest = mark.points
+    title = _element("title", escape(mark.text)) if mark.text else ""
     if mark.kind == "line":
         points = " ".join(f"{px:.1f},{py:.1f}" for px, py in mark.points)
-        dash = ' stroke-dasharray="5 4"' if mark.dashed else ""
-        return (
-            f'<polyline points="{points}" fill="none" stroke="{mark.colour}" stroke-width="{mark.size:g}"'
-            f"{dash}{series}/>"
-        )
+        dash = f"{DASH} {STEP - DASH}" if mark.dashed else ""
+        drawn = {"fill": "none", "stroke": mark.colour, "stroke_width": mark.size, "stroke_dasharray": dash}
+        return _element("polyline", "", points=points, **drawn, data_series=mark.series)
+    drawn = {"fill": mark.colour, "data_series": mark.series}
     if mark.kind == "text":
-        return (
-            f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{mark.anchor}" fill="{mark.colour}"'
-            f' font-size="{mark.size:g}"{series}>{escape(mark.text)}</text>'
-        )
+        drawn |= {"text_anchor": mark.anchor, "font_size": mark.size}
+        return _element("text", escape(mark.text), x=x, y=y, **drawn)
     if mark.kind == "box":
-        (u, v) = rest[0]
-        return (
-            f'<rect x="{min(x, u):.1f}" y="{min(y, v):.1f}" width="{abs(u - x):.1f}" height="{abs(v - y):.1f}"'
-            f' fill="{mark.colour}"{series}>{title}</rect>'
-        )
-    style = f'fill="none" stroke="{mark.colour}" stroke-width="2"' if mark.kind == "ring" else f'fill="{mark.colour}"'
-    return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{mark.size:g}" {style}{series}>{title}</circle>'
+        u, v = rest[0]
+        return _element("rect", title, x=min(x, u), y=min(y, v), width=abs(u - x), height=abs(v - y), **drawn)
+    if mark.kind == "ring":
+        drawn |= {"fill": "none", "stroke": mark.colour, "stroke_width": 2}
+    return _element("circle", title, cx=x, cy=y, r=mark.size, **drawn)
 
 
 def _paint(draw: ImageDraw.ImageDraw, mark: Mark, scale: int) -> None:
     points = [(x * scale, y * scale) for x, y in mark.points]
     x, y = points[0]
-    width = max(1, round(mark.size * scale))
     if mark.kind == "line":
         for a, b in pairwise(points):
             for start, stop in _dashes(a, b, scale) if mark.dashed else [(a, b)]:
-                draw.line([start, stop], fill=mark.colour, width=width)
+                draw.line([start, stop], fill=mark.colour, width=max(1, round(mark.size * scale)))
     elif mark.kind == "text":
         font = ImageFont.load_default(size=mark.size * scale)
         anchor = {"start": "ls", "middle": "ms", "end": "rs"}[mark.anchor]
@@ -153,16 +167,16 @@ def _paint(draw: ImageDraw.ImageDraw, mark: Mark, scale: int) -> None:
         u, v = points[1]
         draw.rectangle([min(x, u), min(y, v), max(x, u), max(y, v)], fill=mark.colour)
     else:
-        r = mark.size * scale
         fill, outline = (None, mark.colour) if mark.kind == "ring" else (mark.colour, None)
-        draw.ellipse([x - r, y - r, x + r, y + r], fill=fill, outline=outline, width=2 * scale)
+        draw.circle((x, y), mark.size * scale, fill=fill, outline=outline, width=2 * scale)
 
 
 def _dashes(a: Point, b: Point, scale: int) -> list[tuple[Point, Point]]:
-    length = max(float(np.hypot(b[0] - a[0], b[1] - a[1])), 1e-9)
-    step, on = 9 * scale / length, 5 * scale / length
+    """Dashes on the way from a to b."""
+    length = max(math.dist(a, b), 1e-9)
 
-    def at(t: float) -> Point:
-        return a[0] + (b[0] - a[0]) * min(t, 1.0), a[1] + (b[1] - a[1]) * min(t, 1.0)
+    def at(pixels: float) -> Point:
+        t = min(pixels * scale / length, 1.0)
+        return a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t
 
-    return [(at(k * step), at(k * step + on)) for k in range(int(1 / step) + 1) if k * step < 1]
+    return [(at(k * STEP), at(k * STEP + DASH)) for k in range(math.ceil(length / (STEP * scale)))]
