@@ -47,7 +47,7 @@ def texel_map(
 def left_out(sample: Sampled, predicted: Single, numbers: int) -> Array:
     """Mean squared error (texel,) of displayed values under lights left out, from that under the fitted ones.
 
-    Generalised cross-validation: n RSS / (n - k)² [Golub, Heath and Wahba 1979]; infinite for n ≤ k.
+    Generalised cross-validation: n RSS / (n - k)² [Golub1979]; infinite for n ≤ k.
     """
     usable = sample.usable()
     off = np.where(usable, sample.shown(predicted) - sample.shown(sample.T), 0).astype(float)
