@@ -47,7 +47,7 @@ def reduced(energies: Array, shapes: Array, weights: Array, model: Model) -> tup
     """As many lobes for texels of half the number each way, with the energy of theirs in each band.
 
     A lobe goes to its namesakes, or to those on its side of the mean slope. What a group becomes has the mean and the
-    variance of its slopes [LEAN mapping, Olano & Baker 2010].
+    variance of its slopes [LEAN mapping, Olano2010].
 
     Parameters
     ----------

@@ -96,7 +96,7 @@ def kernel_matrix(at: Array, lights: Array) -> Array:
 
 
 def spline(lights: ArrayLike, values: Array, smoothing: float) -> Array:
-    """Coefficients (n + 3, k) of smoothing thin-plate splines [Duchon 1977; Wahba 1990].
+    """Coefficients (n + 3, k) of smoothing thin-plate splines [Duchon1977, Wahba1990].
 
     Parameters
     ----------

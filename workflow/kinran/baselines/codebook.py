@@ -1,4 +1,4 @@
-"""Vector quantisation: each texel takes the nearest of a few code vectors, times a brightness (SY04)."""
+"""Vector quantisation: each texel takes the nearest of a few code vectors, times a brightness [Sekine2004]."""
 
 import warnings
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Principal components over the lights, interpolated between them (Sch04)."""
+"""Principal components over the lights, interpolated between them [Schneider2004]."""
 
 from dataclasses import dataclass
 

@@ -1,9 +1,9 @@
-"""Facets of two threads that cross: orthogonal normals with a Fresnel factor (TVST05, TT06, as far as they are told).
+"""Facets of two threads that cross: orthogonal normals with a Fresnel factor [Takeda2005, Takeda2006].
 
 Takeda2008, §3.2 says that a woven fabric "can also be considered to have an orthogonal normal vector distribution"
-and names TVST05 ("using fresnel factor") and TT06 for it; neither formula is in the paper. This is the least that
-the words ask for: the normals of a thread along X spread in Y and the other way round, each family with a Gaussian in
-half-vector slopes whose axes are those of the weave, times Schlick's Fresnel factor, and a diffuse term:
+and names Takeda2005 ("using fresnel factor") and Takeda2006 for it; neither formula is in the paper. This is the least
+that the words ask for: the normals of a thread along X spread in Y and the other way round, each family with a
+Gaussian in half-vector slopes whose axes are those of the weave, times Schlick's Fresnel factor, and a diffuse term:
 
     T_c = Σ_k C_k,c F(θ_h) exp(-(d_x / a_k)² - (d_y / b_k)²) + C_d,c cos θ_i,   b₁ ≥ a₁, a₂ ≥ b₂.
 

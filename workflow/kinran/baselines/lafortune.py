@@ -1,4 +1,4 @@
-"""One generalised cosine lobe and a diffuse term at each texel (FH04; LFTG97).
+"""One generalised cosine lobe and a diffuse term at each texel [Filip2004, Lafortune1997].
 
 With the view fixed, C_x, C_y and C_z of Lafortune's lobe are one direction d ∝ (p₀, p₁, 1) and a size:
 T_c = C_s,c max(0, L · d)^e + C_d,c cos θ_i. The shape (p₀, p₁, ln e) is fitted to the luminance by variable
@@ -95,7 +95,7 @@ def _project(p: Array, y: Array, lights: Array, G: Array, D: Array) -> tuple[flo
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _normal(a: float, b: float, y: Array, lights: Array, G: Array, D: Array) -> tuple[Array, Array]:
-    """Kaufman's projected normal matrix (3, 3) and gradient (3,)."""
+    """Projected normal matrix (3, 3) and gradient (3,), as Kaufman simplifies them [Kaufman1975]."""
     H, X, g = np.zeros((SIZE, SIZE)), np.zeros((2, SIZE)), np.zeros(SIZE)
     A = np.zeros((2, 2))
     for i in range(y.size):

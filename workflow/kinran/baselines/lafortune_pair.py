@@ -1,4 +1,4 @@
-"""Two generalised cosine lobes and a diffuse term at each texel (LFTG97, with as many lobes as FH04 allows for).
+"""Two generalised cosine lobes and a diffuse term at each texel [Filip2004, Lafortune1997].
 
 T_c = Σ_k C_k,c max(0, L · d_k)^e_k + C_d,c cos θ_i. The first lobe starts from the fit of one, the second at the
 brightest sample that this leaves.

@@ -113,7 +113,7 @@ def _kinran(counts: NDArray[np.uint16]) -> tuple[Array, Array]:
 
 
 def _poisson_sum(counts: NDArray[np.uint16]) -> tuple[Array, None]:
-    """Hanji's estimator, which HDRutils has: all counts over all times, of what is not saturated."""
+    """Estimator of HDRutils [Hanji2020]: the sum of the counts over the sum of the times of what is not saturated."""
     open_ = counts < 0.98 * CLIP
     open_[-1] = True
     y = counts - float(BLACK)

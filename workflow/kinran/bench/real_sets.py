@@ -82,7 +82,7 @@ def _photographs(folder: Path) -> tuple[Images, Mask, Array]:
 
 
 def ball(folder: Path) -> RealSet:
-    """DiLiGenT's ball: 16 bits, linear, over the strength of each lamp; what is no ball is black."""
+    """Ball of DiLiGenT [Shi2019]: 16 bits, linear, over the strength of each lamp; what is no ball is black."""
     names = (folder / "filenames.txt").read_text(encoding="utf-8").split()
     strength = np.loadtxt(folder / "light_intensities.txt")
     read = [photographs.read(folder / name, encoding.parse("linear"), None) for name in names]

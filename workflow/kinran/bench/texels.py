@@ -41,7 +41,7 @@ def radiance(shapes: Array, colours: Array, lights: Array, tail: str = "ggx") ->
 
 
 def microfacets(shapes: Array, colours: Array, lights: Array) -> Single:
-    """As `radiance`, of what no fit here assumes: GGX microfacets about a tilted normal, with Smith's shadowing."""
+    """As `radiance`, for what no fit here assumes: shadowed GGX microfacets about a tilted normal [Walter2007]."""
     n = np.concatenate([shapes[:, :2], np.ones((len(shapes), 1))], 1)
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     t = np.array([1.0, 0, 0]) - n[:, :1] * n

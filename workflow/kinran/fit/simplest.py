@@ -40,7 +40,7 @@ def texel_map(fabric: Fabric, sample: Samples, shown: Display, error: float, thr
 def left_out(sample: Samples, predicted: Single, shown: Display, numbers: int) -> Array:
     """Mean squared error (texel,) of displayed values under lights left out, from that under the fitted ones.
 
-    Generalised cross-validation: n RSS / (n - k)² [Golub, Heath and Wahba 1979]; infinite for n ≤ k.
+    Generalised cross-validation: n RSS / (n - k)² [Golub1979]; infinite for n ≤ k.
     """
     usable = sample.usable()
     off = np.where(usable, shown(predicted) - shown(sample.T), 0).astype(float)

@@ -145,7 +145,7 @@ def calibrate(points: Array, views: list[Corners], width: int, height: int) -> J
 
 
 def initial(points: Array, views: list[Corners], width: int, height: int) -> Cameras:
-    """Start: the focal length that the homographies agree on [Zhang 2000], no distortion, and a pose each."""
+    """Start: the focal length that the homographies agree on [Zhang2000], no distortion, and a pose each."""
     flat = [points[view.ids].astype(np.float32) for view in views]
     found = [view.pixels.astype(np.float32) for view in views]
     matrix = cv2.initCameraMatrix2D(flat, found, (width, height))
@@ -269,7 +269,7 @@ def trim(points: Array, views: list[Corners], cameras: Cameras) -> list[Corners]
 
 
 def similarity(points: Array, targets: Array) -> Array:
-    """Points (n, 3) after the rotation, scale and shift that bring them nearest to the targets [Umeyama 1991].
+    """Points (n, 3) after the rotation, scale and shift that bring them nearest to the targets [Umeyama1991].
 
     pycolmap's own estimate gives up on points in a plane.
     """

@@ -27,7 +27,7 @@ AGAIN = 1 / 5
 ASIDE = 1.5
 """Texels that a match may lie off its epipolar line."""
 RATIO = 0.8
-"""Of the distances of the best and the second candidate's descriptors, at most [Lowe 2004]."""
+"""Of the distances of the best and the second candidate's descriptors, at most [Lowe2004]."""
 FEATURES = 12_000
 BLOCK = 1024
 KNOTS = 48

@@ -112,7 +112,7 @@ def shifts(one: Image, other: Image, texel: float) -> Array:
 
     The cross-power spectrum is divided by the square root of its magnitude, not by all of it: that gives the
     frequencies in which the patches hold nothing but noise less to say. The peak is then found between the texels by
-    the Fourier series itself [Guizar-Sicairos 2008]: a parabola through three texels would pull it towards the middle.
+    the Fourier series itself [GuizarSicairos2008]: a parabola through three texels would pull it towards the middle.
 
     Parameters
     ----------

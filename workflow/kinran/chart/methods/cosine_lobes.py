@@ -1,4 +1,4 @@
-"""Generalised cosine lobes [FH04], one and two."""
+"""Generalised cosine lobes [Filip2004], one and two."""
 
 from kinran.baselines import lafortune, lafortune_pair
 from kinran.chart.method import Fitted, Method

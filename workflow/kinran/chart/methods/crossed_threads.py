@@ -1,4 +1,4 @@
-"""Orthogonal normals with a Fresnel factor, as far as the paper tells of [TVST05, TT06]."""
+"""Orthogonal normals with a Fresnel factor, as far as the paper tells of [Takeda2005, Takeda2006]."""
 
 from kinran.baselines import crossed
 from kinran.chart.method import Fitted, Method

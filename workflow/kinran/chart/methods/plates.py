@@ -1,4 +1,4 @@
-"""Interpolation between lights: principal components [Sch04], vector quantisation [SY04], the samples themselves."""
+"""Interpolation between lights: components [Schneider2004], code vectors [Sekine2004], the samples themselves."""
 
 from kinran.baselines import codebook, components, interpolation
 from kinran.chart.method import Fitted, Method
