@@ -130,4 +130,5 @@ def test_unknown_module() -> None:
 
 
 def test_every_stage_has_one() -> None:
-    assert len({code.digest(f"kinran.{m}") for m in ("radiance.merge", "segment", "fit.tile", "report")}) == 4
+    stages = ("kinran.radiance.merge", "kinran.segment", "kinran.fit.tile", "kinran.report")
+    assert len({code.digest(stage) for stage in stages}) == 4
