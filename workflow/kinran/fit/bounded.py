@@ -16,6 +16,7 @@ from kinran.fit.slope import Lobes, SlopeFit
 from kinran.fit.solver.start import HEIGHTS, pair
 
 ROUNDS = 3
+"""Fits in which saturated samples are raised to what the last one says. A choice; more were not measured."""
 LOST = (0.05, 0.5)
 """Shares of saturated samples between which one lobe is better than two. Of more, no lobe is found."""
 

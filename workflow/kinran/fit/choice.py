@@ -27,7 +27,9 @@ Single = NDArray[np.float32]
 SAMPLE = 256
 """Texels of a region that the choice is made on."""
 FOLDS, FEW_FOLDS, MANY_LIGHTS = 10, 4, 256
+"""Folds of the lights, fewer where there are more than `MANY_LIGHTS`, so that a choice takes seconds. A choice."""
 MOST_DB = 60.0
+"""PSNR up to which a region counts: beyond, no eye sees a difference, and noise would decide."""
 
 
 @dataclass(frozen=True)

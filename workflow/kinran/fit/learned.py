@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 HOLD = 10.0
 """Variance, over the mean square of the samples, whose prior holds the shapes at their region's."""
 TRUSTED = 12.0
+"""What a held fit may leave, in times of what free fits leave, before its variance is cut. A choice."""
 POOLED = 0.6
 """Share of the resolution of one texel that a region resolves: its facets are turned to see between the lights."""
 

@@ -14,6 +14,7 @@ from kinran.fit.samples import Samples, read_samples
 Array = NDArray[np.float64]
 
 ROUNDS = 10
+"""Rounds of reweighting; a choice."""
 LEAST = 1e-3
 """Of the albedo: residuals below count as this much."""
 

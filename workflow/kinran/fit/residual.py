@@ -31,19 +31,24 @@ Array = NDArray[np.float64]
 Values = NDArray[np.float32]
 
 FOLDS, FEW_FOLDS, MANY_LIGHTS = 8, 4, 256
+"""Folds of the lights, fewer where there are more than `MANY_LIGHTS`, so that a choice takes seconds. A choice."""
 SAMPLE = 1024
 """Texels that the choice is made on."""
 LEAST_GAIN_DB = 0.3
 """What a residual has to gain in cross-validation to be worth its bytes."""
 SURE = 2.0
+"""Standard errors, over pairs of lights, from which a gain counts as sure: about one chance in forty."""
 COMPONENTS = (4, 9, 16)
+"""Numbers of principal components that are tried: those of hemispherical harmonics of two to four orders."""
 SMOOTHING = (1e-3, 1e-2, 3e-2, None)
 """Of thin plates; None are harmonics."""
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
+"""Shares of the lobes in a picture that are tried; 0 leaves everything to the residual."""
 
 Key = tuple[float, int, float | None]
 """Share of the lobes, components, smoothing."""
 ALONE: Key = (1.0, 0, 0.0)
+"""The lobes without a residual."""
 
 
 @dataclass(frozen=True)

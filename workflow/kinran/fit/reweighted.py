@@ -18,7 +18,10 @@ from kinran.fit.slope import Lobes, SlopeFit
 Single = NDArray[np.float32]
 
 ROUNDS = 6
+"""Rounds of reweighting; a choice."""
 HUBER_FLOOR, HUBER_SHARE = 0.02, 0.05
+"""Parts of the texel's level and of the model up to which a residual counts by its square: what lobes leave of clean
+samples. A choice; `kinran bench stability` has what it gains and costs."""
 
 
 def robust(

@@ -27,7 +27,9 @@ Map = NDArray[np.float32]
 UNSURE = 0.3
 """Standard deviation of the logarithm of a lobe's area from which its width counts as not resolved."""
 AT_BOUND = 1.02
+"""Times the least width that the lights resolve: a lobe at its bound is up to rounding as narrow as that."""
 MAP_WIDTH = 200
+"""Pixels across each map of the picture."""
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 MAP_WIDTH = 320
+"""Pixels across the picture."""
 
 
 def texel_map(fabric: Fabric, sample: Samples, shown: Display, error: float, threads: int) -> NDArray[np.uint8]:

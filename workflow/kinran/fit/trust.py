@@ -18,9 +18,11 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 NEIGHBOURS = 6
+"""Lights that a light is compared with: a ring around it."""
 ODD = 2.0
 """How much more than its neighbours a light may leave."""
 ROUNDS = 2
+"""Fits in which lights lose weight: the second is of what the first left out. A choice."""
 BETTER = 0.4
 """Share of the smooth part of the squares of least squares under which Huber's loss is taken for all texels."""
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 RIDGE = 1e-9
+"""Share of its diagonal that is added to a matrix, so that columns that are the same do not divide by zero."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -15,11 +15,16 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 LOBE_SIZE = 5
+"""Shape parameters of a lobe."""
 DIFFUSE_SIZE = 2
+"""Shape parameters of the diffuse term."""
 GAUSSIAN, GGX = 0, 1
+"""Tails, as the compiled code has them."""
 TAILS = {"gaussian": GAUSSIAN, "ggx": GGX}
 MAX_SLOPE = 1.2
+"""Bound of a lobe's mean slopes: facets of 50°, whose lobe lights under the horizon would make."""
 MAX_DIFFUSE_SLOPE = 1.0
+"""Bound of the slopes of the diffuse normal: 45°."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

@@ -15,6 +15,7 @@ f4 = np.float32
 FINITE = {"reassoc", "contract", "nsz", "arcp"}
 """Fast arithmetic that still knows NaN and infinity."""
 LARGEST = f4(3e38)
+"""Samples over this are not finite in single precision."""
 FAR = f4(25.0)
 """Squared distance from a Gaussian lobe at which there is nothing of it."""
 LANES = 32
