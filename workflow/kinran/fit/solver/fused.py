@@ -31,7 +31,7 @@ Single = NDArray[np.float32]
 f4 = np.float32
 
 DAMPING_START, DAMPING_DOWN, DAMPING_UP = 5e-2, 0.5, 4.0
-"""Damping of Levenberg-Marquardt at the start, and its factors after a step that gains and one that does not. A choice."""
+"""Damping of Levenberg-Marquardt at the start, and its factors after a step that gains, or does not. A choice."""
 TRIES = 6
 """Dampings that are tried for one step."""
 UNSEEN = 3e-4
