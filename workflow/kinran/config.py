@@ -20,7 +20,8 @@ from kinran.plans import list_group_names
 from kinran.sheets import read_sheet
 
 FEW_LIGHTS = 45
-"""Under so many lights there is one slope lobe, whatever the config says."""
+"""Fewest lights under which the config's lobes are taken; under fewer there is one slope lobe. `kinran bench choice`
+takes two lobes for the brocade under 50 lights, and one under 30 (docs/fit.md); in between nothing was measured."""
 OF_PHOTOGRAPHS = ("lamp_mm", "field_mm", "camera_mm", "chart", "chart_corners", "lamp")
 """Columns of the sheet of fabrics that it need not have."""
 SCHEMAS = ROOT / "workflow" / "schemas"
@@ -35,7 +36,7 @@ class ChartShot:
     file
         None on the rig, which shoots it itself, and where there is none.
     corners, lamp
-        As `kinran calibrate` takes them.
+        Options ``--chart-corners`` and ``--lamp`` of `kinran calibrate`.
     """
 
     file: Path | None = None
@@ -60,15 +61,15 @@ class FabricRow:
     folder
         Folder of its photographs; None where it lies on the rig.
     encoding, crop
-        Of the photographs.
+        Encoding and crop of the photographs.
     regions
         Number of regions; None to let the data say.
     seeds
         Texels of each region, as the sheet has them.
     distances
-        Of lamps and camera of photographs; empty on the rig, whose config has them.
+        Distances of lamps and camera of photographs; empty on the rig, whose config has them.
     chart
-        Of the fabric's session.
+        Colour chart of the fabric's session.
     lights
         Number of different light directions.
     light_groups
@@ -190,7 +191,8 @@ def _fabric(row: dict[str, str], rig: dict[str, Any], sheet: str) -> FabricRow:
     )
     if chart.file is None and (chart.corners or chart.lamp):
         raise InputError(
-            f"{sheet}: fabric '{row['fabric']}' has no chart; name its photograph, or leave out what it is of"
+            f"{sheet}: fabric '{row['fabric']}' has no chart; name its photograph,"
+            " or leave its corners and its lamp empty"
         )
     if chart.file is not None and not chart.file.is_file():
         raise InputError(f"{sheet}: {chart.file} is no file; correct the chart of fabric '{row['fabric']}'")

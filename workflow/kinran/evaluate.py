@@ -19,7 +19,7 @@ from kinran_bsdf.material import read_material
 Images = NDArray[np.float32]
 
 SHOWN = 3
-"""Held-out lights in the picture."""
+"""Held-out lights in the picture: the brightest, the darkest and the one between them."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

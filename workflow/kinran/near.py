@@ -11,27 +11,28 @@ from kinran.stack import Box, Stack
 Array = NDArray[np.float64]
 
 BEND = 0.001
-"""Radians that half vectors may turn from the middle of a cell of texels to its edge: of the size of a 20th of the
-narrowest lobe that is found. A field of one cell is as if lamps and camera were far."""
+"""Radians that half vectors may turn from the middle of a cell of texels to its edge, a 20th of the narrowest lobe that
+is found. docs/fit.md has what larger cells cost (`tests/fit/test_near.py`). In a field of one cell, lamps and camera
+are taken for far away."""
 AFAR = (0.0, 0.0, 1e9)
-"""Where a camera stands, in millimetres, of which nothing is known."""
+"""Position in millimetres of a camera of which nothing is known: far above the field."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """Texels of a tile under the same directions.
+    """Texels of a tile that share their directions of light and view.
 
     Attributes
     ----------
     at : (texel,) int
-        Their places in the tile.
+        Places of the texels in the tile, counted along its rows.
     lights : (light, 3)
         Directions of the lights from the middle of the cell.
     slopes : (light, 2)
         Slopes of the half vectors between these and the view.
     factor : (texel, light) or None
-        Light that reaches each texel, square on, relative to the field's centre: what the stack's values hold
-        beside π·T. None where it is 1.
+        Light that reaches each texel, square on, relative to the field's centre: the stack's values are π·T times
+        this. None where it is 1.
     """
 
     at: NDArray[np.intp]
@@ -46,7 +47,7 @@ def matters(stack: Stack) -> bool:
 
 
 def cells(stack: Stack, box: Box, lights: NDArray[np.intp]) -> list[Cell]:
-    """Cells of a tile under these lights of the stack: one of directions alone where distances do not matter."""
+    """Cells of a tile under these lights of the stack; where distances do not matter, the whole tile is one cell."""
     y0, y1, x0, x1 = box
     count = (y1 - y0) * (x1 - x0)
     if not matters(stack):

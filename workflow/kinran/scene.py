@@ -25,7 +25,8 @@ from kinran_bsdf.material import Material, read_material
 Map = NDArray[np.float32]
 
 UNFITTED = ("lambert", "texture")
-SMALLEST, LARGEST = 1e-4, 100.0  # mm, believable size of a texel
+SMALLEST, LARGEST = 1e-4, 100.0
+"""Believable size of a texel in mm: one in metres or micrometres falls outside."""
 
 
 @dataclass(frozen=True)

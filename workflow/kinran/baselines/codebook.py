@@ -14,7 +14,8 @@ Samples = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 SCORES = 16
-"""Principal components in which codes are told apart."""
+"""Principal components in which k-means tells codes apart: few, so that many texels cost little. No measurement stands
+behind the number."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,8 @@ Samples = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 EXPONENT = 15.0
-"""Of the second lobe, to start from."""
+"""Exponent from which the second lobe starts: it falls to half at 17°, for what a sharp first lobe leaves. No other
+start was compared."""
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,7 @@ from kinran_bsdf import models
 Row = dict[str, Any]
 
 TEXELS = 60
+"""Texels of a case, so that all cases take ten seconds; medians over them are what is compared."""
 FOUR, JOINT, PRINTED = "four steps", "Eq. 3, joint", "Eq. 3 as printed, joint"
 GGX, PAIR, TRUSTED, HELD = "GGX lobe", "two Gaussian lobes", "GGX lobe, what fits in", "GGX lobe, prior of the region"
 WEIGHED = "GGX lobe, as much of the prior as lights left out bear"
@@ -292,7 +293,7 @@ def main(args: argparse.Namespace) -> None:
 
 
 def worst(rows: list[Row], fails: str, holds: str) -> Row:
-    """Of a case, the parameter at which one method's error is most above the other's, with both errors."""
+    """The parameter of a case at which one method's error is most above the other's, with both errors."""
     errors = {(row["parameter"], row["method"]): row["error"] for row in rows}
     ratio = {
         parameter: np.inf if error is None else error / max(errors[parameter, holds], 1e-3)
@@ -354,7 +355,7 @@ def _held_by_region(tail: str = "ggx", count: int = 1, full: NDArray[np.bool_] |
 
 
 def _held_as_far(T: Samples, W: Samples, lights: Array, at: Array) -> Samples:
-    """By as much of the region's prior as lights left out bear, as the stage `prior` does."""
+    """One GGX lobe, its region's prior weighed by cross-validation over lights, as the stage `prior` weighs it."""
     region = np.zeros(len(T), np.intp)
     priors = learned.learn_priors(T[::2], W[::2], lights, region[::2], 1)
     priors = strength.weigh(priors, T[::2], W[::2], lights, region[::2])
@@ -362,7 +363,7 @@ def _held_as_far(T: Samples, W: Samples, lights: Array, at: Array) -> Samples:
 
 
 def _trusted(T: Samples, W: Samples, lights: Array, at: Array) -> Samples:
-    """By the samples that the stages `prior` and `fit` trust, with the loss that they take."""
+    """One GGX lobe by robust weights of lights, and with Huber's loss where the stage `prior` would take it."""
     found = trust.learn(T, W, lights, "ggx", 1, 1)
     W = W * found.lights
     fitted = reweighted.robust(T, W, lights)[0] if found.outliers else slope.fit(T, W, lights)
