@@ -85,7 +85,7 @@ def plan_grid(
     exposures_s
         The bracket, in seconds.
     distances
-        Of lamp and camera from the field's centre, and the width of the field that the camera sees.
+        Distances of lamp and camera from the field's centre, and width of the field that the camera sees.
 
     Raises
     ------
