@@ -28,17 +28,17 @@ class Mark:
     points
         Where, in pixels from the top left.
     colour
-        Colour as ``#rrggbb``.
+        As ``#rrggbb``.
     size
         Width of a line, radius of a dot, height of text.
     text
-        Words of a text; for other marks, what a pointer over them shows.
+        What a text says; of other marks what a pointer over them shows.
     anchor
-        Place of a text's anchor in it: ``start``, ``middle`` or ``end``.
+        Of a text: ``start``, ``middle`` or ``end``.
     dashed
-        Whether a line is dashed.
+        Whether a line is.
     series
-        Name of the series that the mark belongs to, by which a page can pick it out; empty for axes.
+        Name of what it belongs to, by which a page can pick it out; empty for axes.
     """
 
     kind: str
