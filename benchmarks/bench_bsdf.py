@@ -29,6 +29,7 @@ from kinran_bsdf.material import COLOUR
 from kinran_bsdf.relight import relight
 
 ROUNDS = 9
+"""Rounds of all BSDFs in turn, of which medians are taken."""
 
 
 def material(size: int, model: str = "slope", lobes: int = 1, width: float = 0.15, tail: str = "gaussian") -> Material:

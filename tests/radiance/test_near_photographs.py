@@ -112,8 +112,8 @@ def test_what_lengths_mean_is_said(folder: Path, tmp_path: Path, caplog: pytest.
     ("lengths", "says"),
     [
         ((0.0, 60.0, None), "--lamp-mm 0: give a length over 0 mm"),
-        ((300.0, None, None), "--lamp-mm: says something only beside"),
-        ((None, None, 300.0), "--camera-mm: says something only beside"),
+        ((300.0, None, None), "--lamp-mm: needs the width of a photograph"),
+        ((None, None, 300.0), "--camera-mm: needs the width of a photograph"),
         ((None, float("inf"), None), "--field-mm inf"),
     ],
 )

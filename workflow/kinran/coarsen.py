@@ -91,7 +91,7 @@ def coarse_labels(channels: dict[str, NDArray[np.float32]], factor: int) -> dict
     Parameters
     ----------
     channels
-        Of a label map: a texel belongs to its label by its membership, and for the rest to the second.
+        Channels (y, x) of a label map: a texel belongs to its label by its membership, and for the rest to the second.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def coarse_labels(channels: dict[str, NDArray[np.float32]], factor: int) -> dict
 
 
 def write_coarse(path: Path, stack: Stack, factor: int) -> None:
-    """Write the coarse stack, a shard's lights at a time; texels as of `average`."""
+    """Write the coarse stack, a shard's lights at a time, its texels averaged by `average`."""
     if path.exists():
         shutil.rmtree(path)  # its shards may be of another size
     height, width = stack.height // factor, stack.width // factor

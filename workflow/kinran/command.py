@@ -28,15 +28,15 @@ class Argument:
     Attributes
     ----------
     name
-        Of the field or the parameter.
+        Name of the field or the parameter.
     kind
         Its type, without annotations.
     help
         What it is.
     word
-        As it stands in the usage: ``OUT`` for a positional argument, ``--name VALUE`` or None for an option.
+        Word of the usage: ``OUT`` for a positional argument, ``--name VALUE`` or None for an option.
     parse
-        From a word to the value; None for what the type does.
+        Function from a word to the value; None for the type itself.
     default
         `REQUIRED` where it has to be given.
     group

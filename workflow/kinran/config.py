@@ -34,7 +34,7 @@ class ChartShot:
     file
         None on the rig, which shoots it itself, and where there is none.
     corners, lamp
-        As `kinran calibrate` takes them.
+        Options ``--chart-corners`` and ``--lamp`` of `kinran calibrate`.
     """
 
     file: Path | None = None
@@ -59,15 +59,15 @@ class FabricRow:
     folder
         Folder of its photographs; None where it lies on the rig.
     encoding, crop
-        Of the photographs.
+        Encoding and crop of the photographs.
     regions
         Number of regions; None to let the data say.
     seeds
         Texels of each region, as the sheet has them.
     distances
-        Of lamps and camera of photographs; empty on the rig, whose config has them.
+        Distances of lamps and camera of photographs; empty on the rig, whose config has them.
     chart
-        Of the fabric's session.
+        Colour chart of the fabric's session.
     lights
         Number of different light directions.
     light_groups
@@ -189,7 +189,8 @@ def _fabric(row: dict[str, str], rig: dict[str, Any], sheet: str) -> FabricRow:
     )
     if chart.file is None and (chart.corners or chart.lamp):
         raise InputError(
-            f"{sheet}: fabric '{row['fabric']}' has no chart; name its photograph, or leave out what it is of"
+            f"{sheet}: fabric '{row['fabric']}' has no chart; name its photograph,"
+            " or leave its corners and its lamp empty"
         )
     if chart.file is not None and not chart.file.is_file():
         raise InputError(f"{sheet}: {chart.file} is no file; correct the chart of fabric '{row['fabric']}'")

@@ -15,6 +15,8 @@ from kinran.files import InputError
 from kinran.probes import LIBRARIES, PYMESHLAB_PLUGINS, pymeshlab_fault, variant_fault
 
 LEAST_MEMORY_GB, LEAST_DISK_GB = 4, 3
+"""What the demo should have. Its files take 0.15 GB and the packages of .venv 2 GB; no measurement stands behind the
+memory."""
 PACKAGES = (
     "mitsuba", "drjit", "snakemake", "OpenEXR", "colour-science", "hidapi", "libigl", "numba", "zarr",
     "rawpy", "kinran-bsdf",

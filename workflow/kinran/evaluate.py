@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 Images = NDArray[np.float32]
 
 SHOWN = 3
-"""Held-out lights in the picture."""
+"""Held-out lights in the picture: the brightest, the darkest and the one between them."""
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ def plan(fabric: str, photographs: PhotographSet, known: Known) -> Plan:
     photographs
         The set.
     known
-        What the user says of it; with distances the lights stand where they are seen from the middle of the crop.
+        Encoding, crop and distances of the set; with distances, lights stand as seen from the middle of the crop.
     """
     measured, part, lights = known.distances, parse_crop(known.crop), photographs.lights
     centre, field_mm = (0.0, 0.0), measured.field_mm

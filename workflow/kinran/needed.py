@@ -9,7 +9,8 @@ from kinran.files import InputError, read_as
 from kinran.labels import LabelMap
 
 SHOWN = 1e-3
-"""Least share of the cloth's pixels from which a region counts as shown."""
+"""Least share of the cloth's pixels from which a region counts as shown: 250 pixels where it fills a picture of 500 ×
+500. No measurement stands behind the share."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ Image = NDArray[np.float32]
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr")
 CLIPPED = 254 / 255
-"""A value from here on is saturated: a JPEG's white is not always its last code."""
+"""Value from which on a sample is saturated: the last code but one, since a JPEG's white is not always its last."""
 
 Pillow.MAX_IMAGE_PIXELS = None  # sizes are checked against the header before memory is taken
 
@@ -119,7 +119,7 @@ def find_frames(folder: Path, lights: list[LpLight]) -> dict[str, list[Path]]:
     Raises
     ------
     InputError
-        As `find`, or a light has both.
+        The folder or an image is missing, or a light has images of several kinds, or an image and a bracket.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; give the folder of the photographs")

@@ -12,6 +12,7 @@ import msgspec
 from kinran.files import InputError, check_name, fitted, read_json, write_json
 
 VERSION = 1
+"""Version of a plan's file; another one is refused."""
 SHARD = 8
 """Lights in one shard of the radiance stack."""
 LIST_GROUP = 64
@@ -32,7 +33,7 @@ class PlanLight:
     name
         Name of its shot.
     theta, phi
-        In degrees, as the rig is told; φ in [0, 360).
+        Polar angle and azimuth in degrees, as the rig is told; φ in [0, 360).
     direction
         Unit vector at the field's centre, away from the surface.
     grid
@@ -84,7 +85,7 @@ class Group:
     lights
         Indices of the lights whose shards of the stack this group writes.
     shots
-        In the order in which they are taken.
+        Its shots, in the order in which they are taken.
     """
 
     name: str
@@ -137,7 +138,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class _Stamp:
-    """What the file of a plan says beside the plan."""
+    """Version and digest in the file of a plan."""
 
     version: int
     sha256: str

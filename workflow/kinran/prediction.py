@@ -1,4 +1,4 @@
-"""What a material says that a stack holds."""
+"""Radiance that a material predicts for a stack."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +11,12 @@ from kinran_bsdf.residual import relit
 
 
 def predict(material: Material, stack: Stack, box: Box, lights: NDArray[np.intp]) -> NDArray[np.float32]:
-    """What a material says of a tile of the stack under these of its lights.
+    """Radiance that a material predicts for a tile of the stack under these of its lights.
 
     Returns
     -------
     (light, y, x, 3) float32
-        In the stack's unit; each texel under its own lights where distances matter.
+        Radiance in the stack's unit; where distances matter, each texel is seen under its own lights.
     """
     y0, y1, x0, x1 = box
     part = material.part(slice(y0, y1), slice(x0, x1))

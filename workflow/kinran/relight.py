@@ -16,6 +16,7 @@ from kinran_bsdf.material import Material, read_material
 from kinran_bsdf.relight import relight
 
 BATCH = 16
+"""Lights that are relit at once, so that memory stays at as many pictures."""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,8 @@ from kinran_bsdf.models import MODELS
 Map = NDArray[np.float32]
 
 UNFITTED = ("texture", *(name for name, model in MODELS.items() if not any(model.counts)))
-SMALLEST, LARGEST = 1e-4, 100.0  # mm, believable size of a texel
+SMALLEST, LARGEST = 1e-4, 100.0
+"""Believable size of a texel in mm: one in metres or micrometres falls outside."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ Single = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 SCORES = 16
-"""Principal components in which codes are told apart: as many as the largest of `PCA` in the chart. A choice."""
+"""Principal components in which k-means tells codes apart: few, so that many texels cost little. No measurement stands
+behind the number."""
 ROUNDS = 20
 """Rounds of k-means. A choice."""
 

@@ -18,7 +18,7 @@ from kinran.near import Under
 Single = NDArray[np.float32]
 Array = NDArray[np.float64]
 Matrix = Callable[[Array, Array], Array]
-"""From lights (m, 3) and other lights (n, 3) to weights (n, m)."""
+"""Function from lights (m, 3) and other lights (n, 3) to weights (n, m)."""
 
 
 @dataclass(frozen=True)

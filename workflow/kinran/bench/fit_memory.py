@@ -13,7 +13,7 @@ from kinran.labels import write_labels
 from kinran.stack import CHUNK, Light, ShardWriter, write_metadata
 
 HEIGHT, WIDTH = 2592, 3888
-"""10.08 megapixels."""
+"""Texels of the paper's camera: 10.08 megapixels."""
 JOB = "0/100"
 """Which run of tiles is fitted."""
 RUN = """

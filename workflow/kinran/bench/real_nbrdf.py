@@ -29,10 +29,13 @@ MATERIALS = {
     "rgl-isotropic_nbrdf.zip": ("satin_gold_rgb", "vch_silk_blue_rgb", "vch_golden_yellow_rgb"),
 }
 TEXELS, FACETS = 48, 24
+"""Texels of a material, and facets of each."""
 TILT = np.radians(18.0)
+"""Largest tilt of a texel, in radians."""
 SPREAD = (0.12, 0.03)
-"""Standard deviations of the slopes of a texel's facets along x and y."""
+"""Standard deviations of the slopes of a texel's facets along x and y: those of a thread that is ridged along it."""
 NOISE = 0.01
+"""Standard deviation of the noise, relative to a sample."""
 UNRESOLVED = 0.25
 """Error of interpolation between neighbouring lights from which on the grid does not resolve a material."""
 
@@ -158,9 +161,9 @@ def _with_residual(T: Single, W: Single, lights: Array, lobes: Single, known: ND
     Parameters
     ----------
     T, W, lights
-        Of the known lights.
+        Samples, weights and directions of the known lights.
     lobes : (texel, 3, light) float32
-        Of all lights.
+        Prediction of the lobes under all lights.
     known : (light,) bool
     """
     domain, region = f"log:{np.percentile(T, 99.9):.6g}", np.zeros(len(T), np.intp)

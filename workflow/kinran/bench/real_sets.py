@@ -15,6 +15,7 @@ Images = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 SIDE = 128
+"""Texels along a side of the part of a set that is fitted, so that all thirteen sets take minutes."""
 EVERY, FIRST = 8, 4
 """Light number 4, 12, 20, … is held out where a set has no split of its own."""
 ACESCG = np.eye(3)
@@ -34,7 +35,7 @@ class RealSet:
     held : (n,) bool
         Lights that nothing but the judge sees.
     encoding
-        Of the photographs.
+        Encoding of the photographs.
     normals : (y, x, 3) or None
         True ones; 0 where there is no surface.
     """

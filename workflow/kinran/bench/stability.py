@@ -36,6 +36,7 @@ from kinran_bsdf.models import Takeda2008
 Row = dict[str, Any]
 
 TEXELS = 60
+"""Texels of a case, so that all cases take ten seconds; medians over them are what is compared."""
 FOUR, JOINT, PRINTED = "four steps", "Eq. 3, joint", "Eq. 3 as printed, joint"
 GGX, PAIR, TRUSTED, HELD = "GGX lobe", "two Gaussian lobes", "GGX lobe, what fits in", "GGX lobe, prior of the region"
 WEIGHED = "GGX lobe, as much of the prior as lights left out bear"
@@ -298,7 +299,7 @@ def main(args: argparse.Namespace) -> None:
 
 
 def worst(rows: list[Row], fails: str, holds: str) -> Row:
-    """Of a case, the parameter at which one method's error is most above the other's, with both errors."""
+    """The parameter of a case at which one method's error is most above the other's, with both errors."""
     errors = {(row["parameter"], row["method"]): row["error"] for row in rows}
     ratio = {
         parameter: np.inf if error is None else error / max(errors[parameter, holds], 1e-3)
@@ -359,14 +360,14 @@ def _held_by_region(tail: str = "ggx", count: int = 1, full: NDArray[np.bool_] |
 
 
 def _held_as_far(samples: Samples, at: Under) -> Single:
-    """By as much of the region's prior as lights left out bear, as the stage `prior` does."""
+    """One GGX lobe, its region's prior weighed by cross-validation over lights, as the stage `prior` weighs it."""
     half, lobes_ = samples.of(HALF), Lobes()
     priors = strength.weigh(learned.learn_priors(half, 1, lobes_), half, lobes_)
     return slope.fit(samples, lobes_, priors).predict(at)
 
 
 def _trusted(samples: Samples, at: Under) -> Single:
-    """By the samples that the stages `prior` and `fit` trust, with the loss that they take."""
+    """One GGX lobe by robust weights of lights, and with Huber's loss where the stage `prior` would take it."""
     factors, outliers = trust.learn(samples, Lobes(), 1)
     samples = samples.weighed(factors)
     fitted = reweighted.robust(samples, Lobes())[0] if outliers else slope.fit(samples, Lobes())

@@ -90,7 +90,7 @@ def facets(tilt: float, count: int = 40, width: float = 0.12) -> tuple[Array, Ar
 
 
 def noisy(clean: NDArray[np.floating], seed: int = 1, share: float = 0.01, floor: float = 0.003) -> Single:
-    """With noise, relative and of 1."""
+    """Samples with noise whose standard deviation is a share of each and a floor."""
     rng = np.random.default_rng(seed)
     noise = share * clean * rng.normal(size=clean.shape) + floor * rng.normal(size=clean.shape)
     return (clean + noise).astype(np.float32)

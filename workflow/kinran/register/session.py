@@ -18,11 +18,14 @@ from kinran.register.target import Board, detect, read_board
 log = logging.getLogger(__name__)
 
 LIMIT = 0.05
-"""Median shift in mm to the front view, up to which a view counts as registered."""
+"""Median shift in mm to the front view, up to which a view counts as registered: a twentieth of a gold strip of 1
+mm."""
 HELD = 0.5
-"""Share of the patches that must have a texture in common with the front view's."""
+"""Share of the patches that must have a texture in common with the front view's: with less, the median is that of a
+part of the field. No measurement stands behind the share."""
 ODD = 3.0
-"""Times the median of the views' reprojection errors, above which one is worth a warning."""
+"""Multiple of the median of the views' reprojection errors above which one is worth a warning. No measurement stands
+behind it."""
 FRAME = "X=+u=weft, Y=+v=warp, Z=view; mm from the middle of the board; "
 
 Array = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""What the journal says: which brackets were taken, with which frames, and which one was under way."""
+"""Brackets in the journal: which ones were taken, with which frames, and which one was under way."""
 
 import hashlib
 import json
@@ -87,7 +87,7 @@ def latest(brackets: Iterable[JournalBracket], group: str, shot: str) -> Journal
 
 
 def missing(brackets: list[JournalBracket], wanted: Iterable[Wanted], root: Path) -> list[Wanted]:
-    """What has no complete bracket of its set-up and revision, or whose files are gone or cut short."""
+    """Shots without a complete bracket of their set-up and revision, or whose files are gone or cut short."""
     newest = {(bracket.intent["group"], bracket.intent["shot"]): bracket for bracket in brackets if bracket.complete}
     last = max((i for i, bracket in enumerate(brackets) if bracket.complete), default=None)
     if last is not None and not all(

@@ -22,26 +22,31 @@ from kinran.rig.motion import ON_TARGET_MDEG
 from kinran.rig.store import digest_on_card, land, quarantine, remove_parts, set_aside
 
 TRIES = 2
+"""Times that a bracket, or a missed exposure, is taken before the session stops (docs/rig.md, Resume)."""
 RESTARTS = 3
+"""Restarts of the rig that a session goes on after; a rig that restarts more often needs a person."""
 LAMP_LEAVES, LAMP_RETURNS = 0.03, 0.02
-"""Relative drift of the lamp at which shooting pauses, and at which it goes on."""
-
+"""Relative drift of the lamp at which shooting pauses, and at which it goes on: several times the simulated lamp's
+breathing of 0.6 %. Monitors correct what is smaller. No measurement of a real lamp stands behind them."""
 LAMP_WAIT_S = 600.0
+"""Longest pause for the lamp: in ten minutes it is as warm as after the half hour of warm-up, or broken."""
 LAMP_SAME = 0.01
-"""Relative change of the lamp within which a bracket may be completed later."""
-
+"""Relative change of the lamp within which a bracket may be completed later: as little as its frames may differ in
+one."""
 FRAME_LIMIT_S = 60.0
+"""Seconds of an open shutter that a frame may take besides its exposure, before the rig closes it by itself."""
 LONG_S = 1.0
 """Exposures that last longer may outlive the host until the watchdog closes the shutter."""
 
 SUBJECTS = {"light": "fabric", "monitor": "fabric", "dark": "dark", "white": "white", "chart": "chart"}
 X_SYNC = 1
+"""Bit of the rig's capabilities: it counts the camera's exposures."""
 
 log = logging.getLogger(__name__)
 
 
 class Session:
-    """Shooting of what is missing, until done or until something stops it; both leave a sound journal.
+    """Shooting of the missing brackets, until done or until something stops it; both leave a sound journal.
 
     Parameters
     ----------
