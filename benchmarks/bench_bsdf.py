@@ -14,6 +14,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +26,10 @@ import numpy as np
 import kinran_bsdf
 from kinran_bsdf import Material
 from kinran_bsdf.material import COLOUR
+from kinran_bsdf.relight import relight
 
 ROUNDS = 9
+"""Rounds of all BSDFs in turn, of which medians are taken."""
 
 
 def material(size: int, model: str = "slope", lobes: int = 1, width: float = 0.15, tail: str = "gaussian") -> Material:
@@ -144,8 +148,13 @@ def contenders(folder: Path, size: int) -> dict[str, dict[str, Any]]:
     return result
 
 
+def rendered(scene: Any, spp: int) -> None:
+    """Render, and wait for it."""
+    dr.eval(mi.render(scene, spp=spp, seed=1))
+
+
 def on_gpu() -> bool:
-    return mi.variant().startswith("cuda")
+    return str(mi.variant()).startswith("cuda")
 
 
 def clock() -> float:
@@ -183,7 +192,7 @@ def cost(folder: Path) -> dict[str, Any]:
     shape, result, spp = cloth(folder), {}, 256 if on_gpu() else 8
     for size in (128, 2048):
         scenes = {name: scene(shape, bsdf, 512, "area") for name, bsdf in contenders(folder, size).items()}
-        times = interleaved({n: lambda s=s: dr.eval(mi.render(s, spp=spp, seed=1)) for n, s in scenes.items()})
+        times = interleaved({n: partial(rendered, s, spp) for n, s in scenes.items()})
         samples = 512 * 512 * spp
         result[f"{size}x{size}"] = {
             "ns_per_sample": {n: round(statistics.median(t) / samples * 1e9, 1) for n, t in times.items()},
@@ -204,7 +213,7 @@ def register_cosine() -> None:
             self.m_components = [self.inner.flags(k) for k in range(self.inner.component_count())]
 
         def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
-            bs = dr.zeros(mi.BSDFSample3f)
+            bs: Any = dr.zeros(mi.BSDFSample3f)
             bs.wo = mi.warp.square_to_cosine_hemisphere(sample2)
             bs.pdf, bs.eta = bs.wo.z * dr.inv_pi, 1.0
             bs.sampled_type = mi.UInt32(+mi.BSDFFlags.GlossyReflection)
@@ -266,7 +275,7 @@ def table(folder: Path) -> dict[str, Any]:
     path = folder / "table.exr"
     m = material(size)
     kinran_bsdf.write_material(path, m)
-    values = kinran_bsdf.models.relight(m, lights).reshape(len(lights), -1, 3)
+    values = relight(m, lights).reshape(len(lights), -1, 3)
     tree, rng = cKDTree(lights), np.random.default_rng(3)
     bsdf = mi.load_dict({"type": "kinran", "filename": str(path), "filter": "nearest"})
     si = dr.zeros(mi.SurfaceInteraction3f, n)
@@ -300,7 +309,7 @@ def compile_cold(folder: Path) -> Any:
     if os.environ.get("DRJIT_CACHE_DIR") != str(folder.parent):  # Dr.Jit reads it when it starts
         with tempfile.TemporaryDirectory() as cache:
             environment = os.environ | {"DRJIT_CACHE_DIR": cache, "TMPDIR": cache}
-            command = [sys.executable, __file__, "--only", "compile", "--variant", mi.variant()]
+            command = [sys.executable, __file__, "--only", "compile", "--variant", str(mi.variant())]
             run = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
             return json.loads(run.stdout)["compile"]
     shape, result = cloth(folder, 8), {}
@@ -361,7 +370,7 @@ def main() -> None:
             "table": lambda: table(folder),
             "memory": lambda: {f"{n}x{n}": memory(folder, n) for n in sizes},
         }
-        result: dict[str, Any] = {"mitsuba": mi.__version__, "drjit": dr.__version__, "cores": os.cpu_count()}
+        result: dict[str, Any] = {"mitsuba": mi.MI_VERSION, "drjit": version("drjit"), "cores": os.cpu_count()}
         for part, run in parts.items():
             if args.only in (None, part):
                 result[part] = run()

@@ -16,6 +16,7 @@ import mitsuba as mi
 import numpy as np
 
 LEVELS = 5
+"""Levels of the pyramid that are measured: from a texel to 16 × 16 of them."""
 MOST = 192  # a side of the part in the middle that is measured, in texels
 
 

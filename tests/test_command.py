@@ -78,3 +78,20 @@ def test_argument_without_help_is_refused() -> None:
 
     with pytest.raises(TypeError, match="help"):
         command.add_arguments(argparse.ArgumentParser(), main)
+
+
+def test_input_and_output_may_have_one_name() -> None:
+    found: dict[str, Any] = {}
+
+    @dataclass(frozen=True)
+    class Outputs:
+        prior: Annotated[Path, "OUT", "priors (.json)"]
+
+    def main(inputs: Inputs, out: Outputs) -> None:
+        found.update(inputs=inputs, out=out)
+
+    main.__annotations__["out"] = Outputs
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser, main)
+    command.call(main, parser.parse_args(["a", "--prior", "b", "--", "c"]))
+    assert (found["inputs"].prior, found["out"].prior) == (Path("b"), Path("c"))

@@ -1,11 +1,21 @@
 """Files appear whole or not at all."""
 
 import os
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from kinran.files import InputError, atomic, check_name, read_json, sha256, write_json
+from kinran.files import InputError, atomic, check_name, read_as, read_json, sha256, write_json
+
+
+@dataclass(frozen=True)
+class Spool:
+    """A dataclass with what JSON does not tell apart: a tuple and a whole number."""
+
+    name: str
+    colour: tuple[float, float, float]
+    turns: int | None = None
 
 
 def test_nothing_is_left_when_writing_fails(tmp_path: Path) -> None:
@@ -37,6 +47,28 @@ def test_bad_json(tmp_path: Path) -> None:
         read_json(tmp_path / "a.json")
     with pytest.raises(InputError, match="no such file"):
         read_json(tmp_path / "none.json")
+
+
+def test_dataclasses_round_trip(tmp_path: Path) -> None:
+    spools = [Spool("gold", (0.9, 0.7, 0.3), 3), Spool("red", (1.0, 0.0, 0.0))]
+    write_json(tmp_path / "a.json", spools)
+    assert read_json(tmp_path / "a.json")[1] == {"name": "red", "colour": [1.0, 0.0, 0.0], "turns": None}
+    assert read_as(tmp_path / "a.json", list[Spool], "a list of spools") == spools
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("{}", r"a\.json: is not a list of spools \(Expected `array`, got `object`\); wind it again$"),
+        ('[{"name": "red"}]', r"a\.json: is not .* \(\[0\]: Object missing required field `colour`\)"),
+        ('[{"name": 1, "colour": [1, 0, 0]}]', r"a\.json: is not .* \(\[0\]\.name: Expected `str`, got `int`\)"),
+        ('[{"name": "red", "colour": [1, 0]}]', r"a\.json: is not .* \(\[0\]\.colour: Expected `array` of length 3"),
+    ],
+)
+def test_a_dataclass_that_is_none_is_named_with_its_field(tmp_path: Path, text: str, says: str) -> None:
+    (tmp_path / "a.json").write_text(text)
+    with pytest.raises(InputError, match=says):
+        read_as(tmp_path / "a.json", list[Spool], "a list of spools", "wind it again")
 
 
 def test_a_file_where_a_folder_should_be_is_named(tmp_path: Path) -> None:

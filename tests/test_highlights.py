@@ -8,7 +8,7 @@ from PIL import Image
 
 from kinran.__main__ import main
 from kinran.encoding import parse
-from kinran.lights import Light, directions, read_lp
+from kinran.lights import LpLight, directions, read_lp
 
 WIDTH, HEIGHT, FIELD, CAMERA = 960, 640, 240.0, 700.0
 SPHERES = (((-85.0, 45.0), 22.0), ((85.0, -40.0), 22.0))
@@ -69,12 +69,12 @@ def outline(k: int) -> str:
     return f"{x[hit].mean():.2f},{y[hit].mean():.2f},{np.sqrt(hit.sum() / np.pi):.2f}"
 
 
-def run(folder: Path, out: Path, *options: str) -> list[Light]:
+def run(folder: Path, out: Path, *options: str) -> list[LpLight]:
     assert main(["highlights", str(folder), "--out", str(out), *options]) == 0
     return read_lp(out)
 
 
-def degrees(lights: list[Light], truth: np.ndarray) -> np.ndarray:
+def degrees(lights: list[LpLight], truth: np.ndarray) -> np.ndarray:
     cosine = (directions(lights) * truth / np.linalg.norm(truth, axis=1, keepdims=True)).sum(1)
     return np.degrees(np.arccos(np.minimum(cosine, 1)))
 

@@ -5,8 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from kinran import frames
 from kinran.files import InputError
-from kinran.lights import Light, directions, read_lp, write_lp
+from kinran.grid import plan_grid
+from kinran.lights import SCATTERED, Light, LpLight, directions, half_steps, read_lp, write_lp
 
 GOOD = "2\nsome folder\\image 01.jpg 0 0 2\nimage02.jpg 0.6 0 0.8\n"
 
@@ -75,7 +77,7 @@ def test_folders_beside_the_file_count(tmp_path: Path, file: str, folder: str) -
 
 
 def test_writes_what_it_reads(tmp_path: Path) -> None:
-    lights = [Light("a", (0.0, 0.0, 1.0), "a.png"), Light("b c", (0.6, 0.0, 0.8), "b c.png")]
+    lights = [LpLight("a", (0.0, 0.0, 1.0), "a.png"), LpLight("b c", (0.6, 0.0, 0.8), "b c.png")]
     write_lp(tmp_path / "x.lp", lights)
     assert read_lp(tmp_path / "x.lp") == lights
 
@@ -116,3 +118,28 @@ def test_bad_files_are_refused_in_one_sentence(tmp_path: Path, text: str, says: 
 def test_missing_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read"):
         read_lp(tmp_path / "none.lp")
+
+
+def grid(phis: int) -> list[Light]:
+    """Lights at θ = 0 and on three rows."""
+    planned = plan_grid("cloth", [0, 20, 40, 60], phis, [1.0], meridians=phis).lights
+    return [Light(light.name, light.direction, grid=light.grid) for light in planned]
+
+
+@pytest.mark.parametrize(("phis", "across"), [(8, [4]), (9, [4, 5])])
+def test_half_steps_tell_rows_and_meridians_of_a_grid_apart(phis: int, across: list[int]) -> None:
+    """A row is found by its θ alone, and the meridian across: two where their number is odd."""
+    lights = grid(phis)
+    theta, phi = frames.angles(directions(lights))
+    half_theta, half_phi = half_steps(lights)
+    assert half_theta == pytest.approx(np.radians(10))
+    rows = {light.grid[0] for light, t in zip(lights, theta, strict=True) if abs(t - np.radians(40)) < half_theta}
+    assert rows == {2}
+    off = np.abs(frames.wrap(phi - np.pi))
+    found = {light.grid[1] for light, d in zip(lights, off, strict=True) if light.grid[0] and d < half_phi}
+    assert sorted(found) == across
+
+
+def test_half_steps_without_a_grid() -> None:
+    scattered = [*grid(8), Light("elsewhere", (0.0, 0.6, 0.8))]
+    np.testing.assert_allclose(np.degrees(half_steps(scattered)), SCATTERED)

@@ -26,6 +26,7 @@ def test_psnr_by_hand() -> None:
     truth = np.zeros((2, 3), np.float32)
     assert metrics.psnr(truth + 0.1, truth, np.ones_like(truth)) == pytest.approx(20, abs=1e-4)
     assert metrics.psnr(truth, truth, np.ones_like(truth)) == 120
+    np.testing.assert_allclose(metrics.decibels([1, 0.1, 0]), [0, 10, 120])
 
 
 def test_display_is_the_encoding_or_a_logarithm_to_one() -> None:

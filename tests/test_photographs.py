@@ -11,7 +11,7 @@ from PIL import Image
 from kinran.encoding import parse
 from kinran.exr import write_rgb
 from kinran.files import InputError
-from kinran.lights import Light
+from kinran.lights import LpLight
 from kinran.photographs import Crop, find, parse_crop, read, size
 from kinran.radiance.value import SATURATED
 
@@ -92,13 +92,13 @@ def test_truncated_files_are_named(tmp_path: Path, suffix: str) -> None:
 
 def test_find_does_not_mind_another_suffix_but_minds_two(tmp_path: Path) -> None:
     (tmp_path / "a.png").touch()
-    assert find(tmp_path, [Light("a", (0, 0, 1), "a.jpg")]) == {"a": tmp_path / "a.png"}
+    assert find(tmp_path, [LpLight("a", (0, 0, 1), "a.jpg")]) == {"a": tmp_path / "a.png"}
     (tmp_path / "a.tif").touch()
     with pytest.raises(InputError, match="keep one image for each light"):
-        find(tmp_path, [Light("a", (0, 0, 1), "a.jpg")])
-    assert find(tmp_path, [Light("a", (0, 0, 1), "a.tif")])["a"].suffix == ".tif"
+        find(tmp_path, [LpLight("a", (0, 0, 1), "a.jpg")])
+    assert find(tmp_path, [LpLight("a", (0, 0, 1), "a.tif")])["a"].suffix == ".tif"
     with pytest.raises(InputError, match=r"b\.jpg: no such image"):
-        find(tmp_path, [Light("b", (0, 0, 1), "b.jpg")])
+        find(tmp_path, [LpLight("b", (0, 0, 1), "b.jpg")])
     with pytest.raises(InputError, match="no such folder"):
         find(tmp_path / "none", [])
 
@@ -107,7 +107,7 @@ def test_find_does_not_mind_capitals_and_looks_into_the_folder_that_is_named(tmp
     (tmp_path / "A.JPG").touch()
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "b.jpg").touch()
-    lights = [Light("a", (0, 0, 1), "a.jpg", "photos"), Light("b", (0, 0, 1), "b.jpg", "photos")]
+    lights = [LpLight("a", (0, 0, 1), "a.jpg", "photos"), LpLight("b", (0, 0, 1), "b.jpg", "photos")]
     assert find(tmp_path, lights) == {"a": tmp_path / "A.JPG", "b": tmp_path / "photos" / "b.jpg"}
     (tmp_path / "a.jpg").touch()
     assert find(tmp_path, lights[:1]) == {"a": tmp_path / "a.jpg"}

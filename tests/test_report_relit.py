@@ -7,7 +7,7 @@ from kinran import pictures
 from kinran.report.relit import MOST, SIDE, grid, middle, relit_section, tiles
 from kinran_bsdf.colours import TO_REC709
 from kinran_bsdf.material import COLOUR, Material
-from kinran_bsdf.models import relight
+from kinran_bsdf.relight import relight
 
 
 def cloth(height: int, width: int, theta_max: float = 1.3) -> Material:

@@ -7,9 +7,8 @@ that angle, except where the light comes along N (by reciprocity, which `takeda2
 from typing import Any
 
 import drjit as dr
-import mitsuba
 
-mi: Any = mitsuba  # its types are those of the variant, at run time
+from kinran_bsdf.arrays import mi
 
 ATTRIBUTES = ("measured_distance", "label", "bound")
 

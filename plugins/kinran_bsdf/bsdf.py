@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
-import mitsuba
 import numpy as np
 
-from kinran_bsdf import models, sampling
+from kinran_bsdf.arrays import mi
 from kinran_bsdf.maps import PackedMaps, Term, Texel, TextureMaps
-from kinran_bsdf.material import MODELS, TAILS, read_material
-
-mi: Any = mitsuba  # its types are those of the variant, at run time
+from kinran_bsdf.material import read_material
+from kinran_bsdf.models import MODELS, TAILS, Slope
+from kinran_bsdf.models.lambert import diffuse_albedo, diffuse_lift
+from kinran_bsdf.models.model import GRAZING, grazing, release
 
 DEFENSIVE = 0.1  # share of samples that terms get evenly, whatever their energy
 RESIDUAL_LEAST = 1e-6  # least albedo of the diffuse term in sampling, where a residual can show what no term does
@@ -32,7 +32,7 @@ def _make_class() -> Any:
             mi.BSDF.__init__(self, props)
             pixel_angle = float(props.get("pixel_angle", 0.0))
             self.maps, floor = _maps(props, pixel_angle > 0)
-            self.model, self.tail, self.lobes = self.maps.model, self.maps.tail, self.maps.lobes
+            self.model, self.lobes = self.maps.model, self.maps.model.lobes
             transform = props.get("to_uv", mi.ScalarTransform4f())
             self.to_uv = np.array(transform.matrix, np.float64)[:2, [0, 1, 3]]
             # opaque: a number in the code would make a kernel of its own for each fabric
@@ -125,7 +125,7 @@ def _make_class() -> Any:
                 if not enabled[k]:
                     weights.append(mi.Float(0))
                     continue
-                unit = sampling.energy(self.model, term.shape) if k else dr.pi
+                unit = self.model.albedo(term.shape, xp=dr) if k else dr.pi
                 least = RESIDUAL_LEAST if k == 0 and self.maps.residual is not None else 0.0
                 weights.append(dr.detach(dr.maximum(dr.maximum(term.strength, 0) * unit, least)))
             total = sum(weights)
@@ -151,9 +151,9 @@ def _make_class() -> Any:
         def _factors(self, terms: list[Term], v: Any, l: Any) -> list[Any]:  # noqa: E741
             """What colour · amplitude of each term is multiplied by for a view and a light."""
             x, y = terms[0].shape
-            factors = [models.diffuse_lift(v, l, x, y, self.floor, xp=dr)]
+            factors = [diffuse_lift(v, l, x, y, self.floor, xp=dr)]
             for term in terms[1:]:
-                factors.append(models.lobe(self.model, self.tail, v, l, term.shape, self.floor, xp=dr))
+                factors.append(self.model.lobe(v, l, term.shape, self.floor, xp=dr))
             return factors
 
         def _residual(self, texel: Texel, v: Any, l: Any) -> list[Any]:  # noqa: E741
@@ -167,13 +167,13 @@ def _make_class() -> Any:
             lobes = _bands(texel.terms, self._factors(texel.terms, view, light))
             measured = light.z >= self.floor
             change = self.maps.residual.change(lobes, texel.residual, light, measured)
-            fade = dr.select(measured, models.release(v, l, xp=dr), 0)
+            fade = dr.select(measured, release(v, l, xp=dr), 0)
             return [fade * c for c in change]
 
         def _density(self, terms: list[Term], p: list[Any], v: Any, l: Any) -> Any:  # noqa: E741
             density = p[0] * l.z * dr.inv_pi
             for probability, term in zip(p[1:], terms[1:], strict=True):
-                density += probability * sampling.density(self.model, self.tail, term.shape, v, l)
+                density += probability * self.model.density(term.shape, v, l)
             return density
 
         # ---------------------------------------------------------------------------------- interface
@@ -197,7 +197,7 @@ def _make_class() -> Any:
                 if self.lobes == 2:
                     shape = [dr.select(first, a, b) for a, b in zip(shape, terms[2].shape, strict=True)]
                 pick = sample1 < sum(p[1:])
-                h = sampling.sample_half_vector(self.model, self.tail, shape, sample2)
+                h = self.model.sample(shape, sample2)
                 light = dr.select(pick, mi.reflect(v, mi.Normal3f(h)), light)
                 component = dr.select(pick, dr.select(first, mi.UInt32(0), mi.UInt32(self.lobes - 1)), component)
             light = dr.detach(light)
@@ -259,7 +259,7 @@ def _make_class() -> Any:
 
         def eval_diffuse_reflectance(self, si: Any, active: Any = True) -> Any:
             term = self._texel(si, active).terms[0]
-            return mi.depolarizer(term.colour * models.diffuse_albedo(*term.shape, xp=dr))
+            return mi.depolarizer(term.colour * diffuse_albedo(*term.shape, xp=dr))
 
         def has_attribute(self, name: str, active: Any = True) -> Any:
             return active & (name == "measured_distance" or name in self.maps.attributes)
@@ -282,7 +282,8 @@ def _make_class() -> Any:
                 self._measure()
 
         def to_string(self) -> str:
-            return f"Kinran[model={self.model}, tail={self.tail}, lobes={self.lobes}]"
+            values = {"model": self.model.name} | vars(self.model)
+            return f"Kinran[{', '.join(f'{name}={value}' for name, value in values.items())}]"
 
     return Kinran
 
@@ -302,19 +303,19 @@ def _maps(props: Any, pyramid: bool) -> tuple[Any, float]:
     if "filename" not in props:
         if pyramid:
             raise ValueError("kinran: pixel_angle needs a material file; textures have no pyramid")
-        model = _choice(props, "model", "slope", MODELS)
-        tail = _choice(props, "tail", "gaussian", TAILS)
-        lobes = 0 if model == "lambert" else 2 if model == "slope" and "lobe2" in props else 1
-        return TextureMaps(props, model, tail, lobes), models.GRAZING
+        model = MODELS[_choice(props, "model", Slope.name, tuple(MODELS))]
+        tail = _choice(props, "tail", TAILS[0], TAILS)
+        lobes = max((n for n in model.counts if f"lobe{n}" in props), default=model.counts[0])
+        return TextureMaps(props, model.of(tail, lobes)), GRAZING
     material = read_material(str(mi.file_resolver().resolve(props["filename"])))
-    angular = material.model == "takeda2008"
-    mode = _choice(props, "filter", "nearest" if angular else "bilinear", ("nearest", "bilinear"))
-    if angular and mode != "nearest":
-        raise ValueError("kinran: filter 'bilinear' would average angles of takeda2008; use 'nearest' or fit slope")
-    if angular and pyramid:
-        raise ValueError("kinran: pixel_angle would average angles of takeda2008; leave it out or fit slope")
+    filtered, what = material.reflection.filtered, f"would average angles of {material.model}"
+    mode = _choice(props, "filter", "bilinear" if filtered else "nearest", ("nearest", "bilinear"))
+    if not filtered and mode != "nearest":
+        raise ValueError(f"kinran: filter 'bilinear' {what}; use 'nearest' or fit {Slope.name}")
+    if not filtered and pyramid:
+        raise ValueError(f"kinran: pixel_angle {what}; leave it out or fit {Slope.name}")
     wrap = _choice(props, "wrap_mode", "repeat", ("repeat", "clamp"))
-    floor = models.grazing(material.theta_max)
+    floor = grazing(material.theta_max)
     return PackedMaps(material, mode, wrap, floor, pyramid), floor
 
 

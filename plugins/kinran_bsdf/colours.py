@@ -1,21 +1,16 @@
 """Colours of a material file in Mitsuba's working spaces: linear Rec.709, luminance, or spectra.
 
-Spectral variants get a colour as a sum of three spectral primaries [Mallett & Yuksel 2019, Spectral Primary
-Decomposition for Rendering with sRGB Reflectance]: the smoothest three that are non-negative, add up to 1 at
-each wavelength, and give back Rec.709 under D65. So colour stays linear in every variant: it can be filtered,
-averaged into a pyramid and optimised, and values above 1 do not saturate.
+Spectral variants get a colour as a sum of three spectral primaries [Mallett2019]: the smoothest three that are
+non-negative, add up to 1 at each wavelength, and give back Rec.709 under D65. So colour stays linear in every variant:
+it can be filtered, averaged into a pyramid and optimised, and values above 1 do not saturate.
 """
 
 from typing import Any
 
 import drjit as dr
-import mitsuba
 import numpy as np
-from numpy.typing import NDArray
 
-mi: Any = mitsuba  # its types are those of the variant, at run time
-
-Map = NDArray[np.float32]
+from kinran_bsdf.arrays import Map, mi
 
 # ACEScg (AP1, D60) to linear Rec.709 (D65), Bradford adaptation
 TO_REC709 = np.array(

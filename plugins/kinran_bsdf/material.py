@@ -7,35 +7,17 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import mitsuba
 import numpy as np
-from numpy.typing import NDArray
 
+from kinran_bsdf.arrays import Array, Map, mi
+from kinran_bsdf.models import MODELS, TAILS, Model
 from kinran_bsdf.residual import Residual
 from kinran_bsdf.residual import channel_names as residual_names
 
-mi: Any = mitsuba  # its types are those of the variant, at run time
-
-Map = NDArray[np.float32]
-
 VERSION = "1"
-MODELS = ("takeda2008", "slope", "lambert")
-TAILS = ("gaussian", "ggx")
-SHAPES = {"takeda2008": ("theta", "phi", "dt", "dp"), "slope": ("x", "y", "xx", "xy", "yy"), "lambert": ()}
 COLOUR = "lin_ap1_scene"
 FRAME = "X=+u=weft, Y=+v=warp, Z=view; row 0 is v=0"
-NEUTRAL = {
-    "x": 0.0,
-    "y": 0.0,
-    "xx": 0.04,
-    "xy": 0.0,
-    "yy": 0.04,
-    "theta": 0.0,
-    "phi": 0.0,
-    "dt": 0.2,
-    "dp": 0.5,
-}
-WIDTH_FLOOR = 1e-3  # radians, of dt and dp; its square is the floor of a variance
+SHAPES = {name: tuple(model.parameters) for name, model in MODELS.items()}
 
 
 @dataclass(frozen=True)
@@ -47,9 +29,9 @@ class Material:
     channels
         Maps (H, W) by channel name; row 0 is v = 0, the bottom of the fabric.
     model
-        ``takeda2008``, ``slope`` or ``lambert``.
+        Name of one of `MODELS`.
     tail
-        Tail of slope lobes: ``gaussian`` or ``ggx``.
+        One of `TAILS`, for a model that has tails.
     lobes
         Number of lobes: 0, 1 or 2.
     regions
@@ -77,13 +59,18 @@ class Material:
     lobes: int
     regions: list[dict[str, Any]]
     colour: str
-    from_stack: NDArray[np.float64]
+    from_stack: Array
     texel_mm: float | None
     source: str
     theta_max: float
     encoding: str = ""
     crop: str = ""
     residual: Residual | None = None
+
+    @cached_property
+    def reflection(self) -> Model:
+        """The model, with its tail and its number of lobes."""
+        return MODELS[self.model].of(self.tail, self.lobes)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -108,51 +95,31 @@ class Material:
         of the others, so that nothing divides by zero and nothing odd bleeds in where shapes are filtered.
         """
         terms = []
-        for k, (name, shape) in enumerate(self._names()):
+        for k, (name, shape) in enumerate(self.reflection.terms.items()):
             amplitude = self.channels[f"{name}.amplitude"][rows, :, None]
             colour = np.stack([self.channels[f"{name}.{c}"][rows] for c in "RGB"], -1) * amplitude
             values = np.stack([self.channels[f"{name}.{s}"][rows] for s in shape], -1)
             if k:
                 values[amplitude[..., 0] <= 0] = self._fill[k - 1]
-                _floor(self.model, values)
+                self.reflection.floor_widths(values)
             terms.append((colour, values))
         return terms
-
-    def _names(self) -> list[tuple[str, tuple[str, ...]]]:
-        lobes = [(f"lobe{k}", SHAPES[self.model]) for k in range(1, self.lobes + 1)]
-        return [("diffuse", ("x", "y")), *lobes]
 
     @cached_property
     def _fill(self) -> list[list[float]]:
         """Mean shape of each lobe, weighted by its amplitude."""
         means = []
-        for name, shape in self._names()[1:]:
+        for name, shape in list(self.reflection.terms.items())[1:]:
             weight = np.asarray(self.channels[f"{name}.amplitude"], np.float64)
             total = weight.sum()
-            values = [self.channels[f"{name}.{s}"] for s in shape]
-            means.append(
-                [
-                    float((weight * v).sum() / total) if total > 0 else NEUTRAL[s]
-                    for v, s in zip(values, shape, strict=True)
-                ]
-            )
+            values = {s: self.channels[f"{name}.{s}"] for s in shape}
+            means.append([float((weight * v).sum() / total) if total > 0 else shape[s] for s, v in values.items()])
         return means
 
 
-def _floor(model: str, shape: Map) -> None:
-    if model == "takeda2008":
-        np.maximum(shape[..., 2:], WIDTH_FLOOR, out=shape[..., 2:])
-        return
-    xx, xy, yy = np.moveaxis(shape[..., 2:], -1, 0)
-    lack = np.maximum(np.float32(WIDTH_FLOOR**2) - (xx + yy - np.hypot(xx - yy, 2 * xy)) / 2, 0)
-    xx += lack
-    yy += lack
-
-
-def channel_names(model: str, lobes: int, residual: Residual | None = None) -> list[str]:
+def channel_names(model: Model, residual: Residual | None = None) -> list[str]:
     """Names of the channels that a material of this model has."""
-    terms = [("diffuse", ("x", "y"))] + [(f"lobe{k}", SHAPES[model]) for k in range(1, lobes + 1)]
-    names = [f"{term}.{c}" for term, shape in terms for c in ("R", "G", "B", "amplitude", *shape)]
+    names = [f"{t}.{c}" for t, shape in model.terms.items() for c in ("R", "G", "B", "amplitude", *shape)]
     return ["label", "bound", *names, *(residual_names(residual.count) if residual else ())]
 
 
@@ -228,13 +195,13 @@ def check(material: Material, name: str) -> None:
         raise ValueError(f"{name}: model '{m.model}' is not one of {', '.join(MODELS)}; update the plugin")
     if m.tail not in TAILS:
         raise ValueError(f"{name}: tail '{m.tail}' is not one of {', '.join(TAILS)}; update the plugin")
-    if m.lobes not in ((0,) if m.model == "lambert" else (1,) if m.model == "takeda2008" else (1, 2)):
+    if m.lobes not in MODELS[m.model].counts:
         raise ValueError(f"{name}: {m.lobes} lobes do not go with model '{m.model}'; fit it again")
     if m.colour != COLOUR:
         raise ValueError(f"{name}: colour space '{m.colour}' is not '{COLOUR}'; convert the maps")
     if m.from_stack.shape != (3, 3) or not np.isfinite(m.from_stack).all() or not np.linalg.det(m.from_stack):
         raise ValueError(f"{name}: from_stack is not an invertible 3×3 matrix; calibrate the colour again")
-    for channel in channel_names(m.model, m.lobes, m.residual):
+    for channel in channel_names(m.reflection, m.residual):
         if channel not in m.channels:
             raise ValueError(f"{name}: has no channel '{channel}', which model '{m.model}' needs; fit it again")
         if not np.isfinite(m.channels[channel]).all():
@@ -244,19 +211,11 @@ def check(material: Material, name: str) -> None:
     bound = m.channels["bound"]
     if bound.min() <= 0 or bound.max() > 1:
         raise ValueError(f"{name}: channel 'bound' leaves (0, 1]: {bound.min():g} to {bound.max():g}; fit it again")
-    for k in range(1, m.lobes + 1):
-        _check_widths(m, f"lobe{k}", name)
-
-
-def _check_widths(m: Material, lobe: str, name: str) -> None:
-    used = m.channels[f"{lobe}.amplitude"] > 0
-    if m.model == "slope":
-        xx, xy, yy = (m.channels[f"{lobe}.{c}"][used] for c in ("xx", "xy", "yy"))
-        bad = (xx <= 0) | (yy <= 0) | (xx * yy - xy * xy < 0)
-    else:
-        bad = (m.channels[f"{lobe}.dt"][used] <= 0) | (m.channels[f"{lobe}.dp"][used] <= 0)
-    if bad.any():
-        raise ValueError(f"{name}: {int(bad.sum())} texels of {lobe} have no positive width; fit it again")
+    for lobe, shape in list(m.reflection.terms.items())[1:]:
+        used = m.channels[f"{lobe}.amplitude"] > 0
+        bad = m.reflection.without_width([m.channels[f"{lobe}.{s}"][used] for s in shape])
+        if bad.any():
+            raise ValueError(f"{name}: {int(bad.sum())} texels of {lobe} have no positive width; fit it again")
 
 
 def write_material(path: str | os.PathLike[str], material: Material) -> None:
@@ -271,7 +230,7 @@ def write_material(path: str | os.PathLike[str], material: Material) -> None:
     """
     path = Path(path)
     check(material, str(path))
-    names = channel_names(material.model, material.lobes, material.residual)
+    names = channel_names(material.reflection, material.residual)
     names += sorted(set(material.channels) - set(names))
     shapes = {material.channels[n].shape for n in names}
     if len(shapes) != 1:

@@ -15,10 +15,9 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
-Map = NDArray[np.float32]
+from kinran_bsdf.arrays import Array, Map
 
 LOG_COMPRESSION = 500.0
 
@@ -97,7 +96,7 @@ def kernel_matrix(at: Array, lights: Array) -> Array:
 
 
 def spline(lights: ArrayLike, values: Array, smoothing: float) -> Array:
-    """Coefficients (n + 3, k) of smoothing thin-plate splines [Duchon 1977; Wahba 1990].
+    """Coefficients (n + 3, k) of smoothing thin-plate splines [Duchon1977, Wahba1990].
 
     Parameters
     ----------

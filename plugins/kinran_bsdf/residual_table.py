@@ -4,19 +4,13 @@ from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
-import mitsuba
 import numpy as np
-from numpy.typing import NDArray
 
 from kinran_bsdf import colours
+from kinran_bsdf.arrays import Array, Map, mi, texture
 from kinran_bsdf.material import Material
 from kinran_bsdf.mixture import mean
 from kinran_bsdf.residual import Residual, compress, expand
-
-mi: Any = mitsuba  # its types are those of the variant, at run time
-
-Array = NDArray[np.float64]
-Map = NDArray[np.float32]
 
 TABLE = 128
 """Side of the table of the spline over (l_x, l_y) in [-1, 1]²."""
@@ -32,13 +26,7 @@ class ResidualTable:
         self.residual, self.count = residual, residual.count
         x, y = np.meshgrid(*2 * [(np.arange(TABLE) + 0.5) / TABLE * 2 - 1])
         factors = residual.basis(np.stack([x.ravel(), y.ravel()], -1))[:, 1:]
-        self.table = mi.Texture2f(
-            mi.TensorXf(factors.reshape(TABLE, TABLE, -1).astype(np.float32)),
-            filter_mode=dr.FilterMode.Linear,
-            wrap_mode=dr.WrapMode.Clamp,
-            use_accel=False,
-            migrate=False,
-        )
+        self.table = texture(factors.reshape(TABLE, TABLE, -1).astype(np.float32))
         to_stack = np.linalg.inv(colours.TO_REC709 @ material.from_stack) * np.pi
         self.to_stack, self.from_stack = to_stack.tolist(), np.linalg.inv(to_stack).tolist()
 

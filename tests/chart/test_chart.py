@@ -1,6 +1,5 @@
 """From the rows of an experiment to front, table, drawing and page."""
 
-import json
 import math
 from pathlib import Path
 from xml.etree import ElementTree
@@ -9,12 +8,12 @@ import numpy as np
 import pytest
 from trials import shiny_trial
 
-from kinran import canvas, stability
-from kinran.chart import experiments, explorer, figure, front, meter, page, rows, scatter
+from kinran.chart import experiments, figure, front, meter, page, panels, rows, stability
 from kinran.chart import table as joining
 from kinran.chart.method import Method
 from kinran.chart.methods import linear, methods
 from kinran.chart.rows import Row
+from kinran.drawing import canvas
 from kinran.files import InputError, write_json
 
 
@@ -159,7 +158,8 @@ def test_names_do_not_overlap_though_dots_are_close() -> None:
         row(f"method number {k}", "kinran", *(float(v) for v in np.exp(rng.normal(3, 0.15, 2))), 0.1 + 0.003 * k)
         for k in range(16)
     ]
-    drawing = scatter.scatter(crowd, "microseconds", "relative_error", FLOOR)
+    drawing = panels.against_cost([FLOOR, *crowd], "microseconds", "relative_error")
+    assert drawing
     found = boxes(drawing)
     assert len(found) == 16
     for k, a in enumerate(found):
@@ -168,19 +168,15 @@ def test_names_do_not_overlap_though_dots_are_close() -> None:
 
 
 def test_the_floor_says_its_number() -> None:
-    drawing = scatter.scatter([row("PTM", "baseline", 1, 36, 0.8)], "microseconds", "relative_error", FLOOR)
+    drawing = panels.against_cost([FLOOR, row("PTM", "baseline", 1, 36, 0.8)], "microseconds", "relative_error")
+    assert drawing
     (label,) = [mark.text for mark in drawing.marks if mark.text.startswith("floor")]
     assert "0.5 µs" in label
     assert "2.4 GB/s" in label  # 100 lights × 12 bytes in 0.5 µs
 
 
-def test_explorer_holds_its_data_and_cannot_be_broken_out_of() -> None:
-    text = explorer.markup([FLOOR, row("</script><b>", "kinran", 1, 28, 0.05)], "relative_error")
-    assert text.count("</script>") == 1
-    data = json.loads(text.split('json">')[1].split("</script>")[0])
-    assert data["rows"][0]["method"] == "</script><b>"
-    assert data["floor"] == 0.5
-    assert '<option value="relative_error" selected>' in text
+def test_nothing_is_drawn_of_what_was_not_measured() -> None:
+    assert panels.against_cost([FLOOR, row("PTM", "baseline", 1, 36, 0.8)], "memory_mb", "relative_error") is None
 
 
 def test_exploded_errors_are_drawn_at_the_edge() -> None:
@@ -192,19 +188,26 @@ def test_exploded_errors_are_drawn_at_the_edge() -> None:
 
 
 def test_page_holds_the_charts_of_all_fabrics(table: list[Row], tmp_path: Path) -> None:
-    import argparse
-
     rows.write(tmp_path / "a.csv", table)
-    rows.write(tmp_path / "b.csv", [FLOOR, row("default (slope)", "default", 10, 28, 0.1)])
+    rows.write(tmp_path / "b.csv", [FLOOR, row("</script><b>", "default", 10, 28, 0.1)])
     write_json(tmp_path / "s.json", stable())
-    charts = [tmp_path / "a.csv", tmp_path / "b.csv"]
-    page.main(argparse.Namespace(charts=charts, stability=tmp_path / "s.json", out=tmp_path / "chart.html"))
+    inputs = page.Inputs((tmp_path / "a.csv", tmp_path / "b.csv"), tmp_path / "s.json")
+    page.main(inputs, tmp_path / "chart.html")
     text = (tmp_path / "chart.html").read_text(encoding="utf-8")
-    assert text.count("<section>") == text.count("<svg") == 2
-    assert "Eq. &lt;3&gt;" in text
-    assert '<td class="failed">0.700</td>' in text
+    first, second, last = text.split("<section>")[1:]
+    shown = [f'data-x="{x}" data-y="{y}"' for x in panels.COSTS for y in panels.MEASURES if y != "texels_above_1"]
+    assert all(first.count(plot) == second.count(plot) == 1 for plot in shown)
+    assert first.count("<svg") == 1 + len(shown)
+    assert second.count("<svg") == 1 + 2 * 2  # its rows have no memory, and two of the measures
+    assert second.count("Not measured.") == len(shown) - 2 * 2
+    assert '<option value="relative_error" selected>' in first
+    assert first.count(" hidden>") == second.count(" hidden>") == len(shown) - 1
+    assert "Eq. &lt;3&gt;" in last
+    assert '<td class="failed">0.700</td>' in last
     assert "default <slope>" not in text
-    assert "default &lt;slope&gt;" in text
+    assert "default &lt;slope&gt;" in first
+    assert "</script><b>" not in text
+    assert "&lt;/script&gt;&lt;b&gt;" in second
     assert "http://www.w3.org/2000/svg" in text
     assert "src=" not in text
     assert "href=" not in text
@@ -243,9 +246,16 @@ def test_a_table_of_stability_that_is_none_is_refused(tmp_path: Path) -> None:
         stability.read(tmp_path / "s.json")
 
 
+def stability_section(folder: Path) -> str:
+    """Section of a page with the table that stands in a folder."""
+    rows.write(folder / "chart.csv", [FLOOR, row("default (slope)", "default", 10, 28, 0.1)])
+    page.main(page.Inputs((folder / "chart.csv",), folder / "s.json"), folder / "chart.html")
+    return (folder / "chart.html").read_text(encoding="utf-8").split("<section>")[-1]
+
+
 def test_table_of_stability_has_a_cell_for_what_was_measured_and_none_for_what_was_not(tmp_path: Path) -> None:
     write_json(tmp_path / "s.json", stable())
-    text = stability.section(stability.read(tmp_path / "s.json"))
+    text = stability_section(tmp_path)
     assert '<tr><td>0°</td><td class="held">0.050</td><td></td></tr>' in text
     assert '<tr><td>5°</td><td class="failed">0.700</td><td class="failed">not finite</td></tr>' in text
     assert (
@@ -260,21 +270,22 @@ def test_the_table_reads_what_the_benchmark_writes(tmp_path: Path) -> None:
     rows = [bench._row("pole", "5°", name, np.array([value])) for name, value in (("a", 0.5), ("b", np.nan))]
     value = {"rows": rows, "summary": [bench.worst([*rows[:1], bench._row("pole", "5°", "c", np.ones(1))], "a", "c")]}
     write_json(tmp_path / "s.json", value)
-    assert "not finite" in stability.section(stability.read(tmp_path / "s.json"))
+    assert "not finite" in stability_section(tmp_path)
 
 
 def test_what_has_no_fit_is_on_the_front_of_bytes_alone() -> None:
     kept = row("kept", "baseline", 0, 600, 0.05)
-    assert scatter.counts(kept, "bytes")
-    assert not scatter.counts(kept, "microseconds")
+    assert panels.counts(kept, "bytes")
+    assert not panels.counts(kept, "microseconds")
     rows_ = [kept, row("slow", "kinran", 10, 28, 0.06), row("quick", "baseline", 1, 36, 0.5)]
 
     def filled(cost: str) -> set[str]:
-        drawing = scatter.scatter(rows_, cost, "relative_error")
+        drawing = panels.against_cost(rows_, cost, "relative_error")
+        assert drawing
         return {m.series for m in drawing.marks if m.kind == "dot" and m.series and m.colour in FULL}
 
     assert filled("microseconds") == {"slow", "quick"}
     assert filled("bytes") == {"slow", "kept"}
 
 
-FULL = set(scatter.FAMILIES.values())
+FULL = set(panels.FAMILIES.values())

@@ -1,5 +1,5 @@
 """Synthetic texels with known lobes, for the tests: those of `kinran bench stability`."""
 
-from kinran.bench.texels import grid, radiance, texels
+from kinran.bench.texels import grid, radiance, sampled, texels
 
-__all__ = ["grid", "radiance", "texels"]
+__all__ = ["grid", "radiance", "sampled", "texels"]

@@ -10,7 +10,10 @@ import pytest
 from cloth_on_disk import Cloth, directions, pictures
 from synthetic_texels import grid, radiance, texels
 
+from kinran.fabric import Fabric
 from kinran.fit import samples, slope
+from kinran.fit.samples import Samples
+from kinran.stack import Box
 
 SHAPE = (130, 70)
 TILES = 6
@@ -30,18 +33,18 @@ def result(cloth: Cloth, name: str) -> dict[str, np.ndarray]:
         return {key: data[key] for key in data.files if "." in key}
 
 
-def reading(monkeypatch: pytest.MonkeyPatch, stop_after: int = TILES) -> list[samples.Box]:
+def reading(monkeypatch: pytest.MonkeyPatch, stop_after: int = TILES) -> list[Box]:
     """Boxes that are read; after so many the run is stopped."""
-    boxes: list[samples.Box] = []
-    read = samples.read
+    boxes: list[Box] = []
+    read = samples.read_samples
 
-    def counted(stack: Any, box: samples.Box) -> samples.Samples:
+    def counted(fabric: Fabric, box: Box) -> Samples:
         if len(boxes) == stop_after:
             raise KeyboardInterrupt
         boxes.append(box)
-        return read(stack, box)
+        return read(fabric, box)
 
-    monkeypatch.setattr(samples, "read", counted)
+    monkeypatch.setattr(samples, "read_samples", counted)
     return boxes
 
 
@@ -86,9 +89,9 @@ def test_regions_without_a_lobe_are_not_fitted(cloth: Cloth, monkeypatch: pytest
     assert cloth.run("fit", "all.npz", *OPTIONS) == 0
     fitted, fit = [], slope.fit
 
-    def counted(T: np.ndarray, *rest: Any, **named: Any) -> slope.SlopeFit:
-        fitted.append(len(T))
-        return fit(T, *rest, **named)
+    def counted(some: Samples, *rest: Any) -> slope.SlopeFit:
+        fitted.append(len(some))
+        return fit(some, *rest)
 
     monkeypatch.setattr(slope, "fit", counted)
     assert cloth.run("fit", "some.npz", *OPTIONS, "--fitted", 0) == 0

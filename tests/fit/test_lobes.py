@@ -1,15 +1,16 @@
 """The compiled lobes are those of the plugin, and their derivatives are right."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from synthetic_texels import grid, radiance, texels
 
-from kinran import frames
-from kinran.fit.lobes import DIFFUSE_SIZE, LOBE_SIZE, TAILS, diffuse, lobe, squared_widths
-from kinran.fit.predict import predict
-from kinran.fit.slope import SlopeFit
+from kinran.fit.slope import Lobes, SlopeFit
+from kinran.fit.solver.lobes import DIFFUSE_SIZE, LOBE_SIZE, TAILS, diffuse, lobe, squared_widths
+from kinran.near import Under
 from kinran_bsdf import models
 
 SHAPE = st.tuples(
@@ -56,8 +57,7 @@ def test_a_prediction_is_that_of_the_reference(tail: str) -> None:
     shapes, colours = np.concatenate([one[:, :5], two[:, :5], one[:, 5:]], 1), np.stack([C[:, 0], D[:, 0], C[:, 1]], 1)
     D[:, 1] = 0
     truth = radiance(one, C, lights, tail) + radiance(two, D, lights, tail)
-    fitted = SlopeFit(shapes, colours, np.zeros(9))
-    np.testing.assert_allclose(predict(fitted, lights, tail), truth, rtol=1e-5, atol=1e-6)
-    # the slopes of the half vectors count, where given, not those of the directions
-    np.testing.assert_array_equal(predict(fitted, lights, tail, frames.slopes(lights)), predict(fitted, lights, tail))
-    assert np.abs(predict(fitted, lights, tail, 0.9 * frames.slopes(lights)) - truth).max() > 0.1
+    fitted, far = SlopeFit(Lobes(tail, 2), shapes, colours, np.zeros(9)), Under.far(lights)
+    np.testing.assert_allclose(fitted.predict(far), truth, rtol=1e-5, atol=1e-6)
+    # the slopes of the half vectors count, not those of the directions
+    assert np.abs(fitted.predict(replace(far, slopes=0.9 * far.slopes)) - truth).max() > 0.1

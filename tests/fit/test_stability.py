@@ -25,10 +25,11 @@ from kinran.bench.stability import (
     TRUSTED,
     WEIGHED,
 )
-from kinran.bench.texels import Split, facets, noisy, ones, radiance, relative, texels
+from kinran.bench.texels import Split, facets, noisy, radiance, relative, sampled, texels
 from kinran.files import read_json
 from kinran.fit import learned, reweighted, slope
-from kinran.fit.predict import predict
+from kinran.fit.slope import Lobes
+from kinran.near import Under
 
 Table = dict[tuple[str, str], float]
 
@@ -185,19 +186,18 @@ def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_robust_loss_costs_little_without_outliers(lights: np.ndarray) -> None:
     clean = radiance(*texels(40), lights)
-    T = noisy(clean)
-    plain = np.median(relative(predict(slope.fit(T, ones(T), lights), lights), clean))
-    robust = np.median(relative(predict(reweighted.robust(T, ones(T), lights)[0], lights), clean))
+    samples = sampled(noisy(clean), lights)
+    fits = slope.fit(samples, Lobes()), reweighted.robust(samples, Lobes())[0]
+    plain, robust = (np.median(relative(f.predict(samples.under), clean)) for f in fits)
     assert robust < 1.5 * plain
 
 
 def test_prior_leaves_many_directions_alone(lights: np.ndarray) -> None:
     clean = radiance(*texels(100), lights)
-    T = noisy(clean)
-    region = np.zeros(100, np.intp)
-    priors = learned.learn_priors(T, ones(T), lights, region, 1)
-    free, held = (slope.fit(T, ones(T), lights, priors=p, region=region) for p in (None, priors))
-    before, after = (np.median(relative(predict(f, lights), clean)) for f in (free, held))
+    samples = sampled(noisy(clean), lights)
+    priors = learned.learn_priors(samples, 1, Lobes())
+    free, held = (slope.fit(samples, Lobes(), p) for p in (None, priors))
+    before, after = (np.median(relative(f.predict(samples.under), clean)) for f in (free, held))
     assert after < 1.5 * before + 0.005
 
 
@@ -206,8 +206,8 @@ def test_lamps_that_are_all_turned(lights: np.ndarray) -> None:
     clean = radiance(*texels(40), lights)
     theta, phi = frames.angles(lights)
     turned = frames.direction(theta, phi + np.radians(3))
-    fitted = slope.fit(clean, ones(clean), turned)
-    assert np.median(relative(predict(fitted, turned), clean)) < 0.02
+    fitted = slope.fit(sampled(clean, turned), Lobes())
+    assert np.median(relative(fitted.predict(Under.far(turned)), clean)) < 0.02
     mu = np.linalg.norm(fitted.shapes[:, :2], axis=1)
     assert np.abs(np.median(mu) - np.median(np.linalg.norm(texels(40)[0][:, :2], axis=1))) < 0.01
 
@@ -215,5 +215,5 @@ def test_lamps_that_are_all_turned(lights: np.ndarray) -> None:
 def test_the_narrower_of_two_lobes_comes_first(lights: np.ndarray) -> None:
     sharp, wide = facets(8.0, width=0.1), facets(20.0, width=0.35)
     clean = radiance(*sharp, lights, "gaussian") + radiance(wide[0], 0.3 * wide[1], lights, "gaussian")
-    two = slope.fit(noisy(clean), ones(clean), lights, "gaussian", 2)
+    two = slope.fit(sampled(noisy(clean), lights), Lobes("gaussian", 2))
     assert (two.shapes[:, 2] + two.shapes[:, 4] >= two.shapes[:, 7] + two.shapes[:, 9]).all()

@@ -10,9 +10,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from kinran_bsdf import Material, models, pyramid, write_material
+from kinran_bsdf import Material, pyramid, write_material
 from kinran_bsdf.maps import PackedMaps, pack
 from kinran_bsdf.mixture import mean
+from kinran_bsdf.models import Slope
 from kinran_bsdf.pyramid import Pyramid, halve
 from kinran_bsdf.residual import Residual, spline
 
@@ -58,7 +59,7 @@ def patterned(fabric: Callable[..., Material]) -> Material:
 def apex(m: Material, levels: int) -> np.ndarray:
     packed, weights = pack(m, 3), None
     for _ in range(levels):
-        packed, weights = halve(packed, weights, 3, m.lobes, m.tail)
+        packed, weights = halve(packed, weights, 3, m.reflection)
     return packed
 
 
@@ -83,7 +84,7 @@ def test_a_lobe_has_the_mean_and_the_variance_of_four(
     m = fabric(size=(2, 2), tail=tail)
     texels, top = pack(m, 3).reshape(4, 13).astype(float), apex(m, 1)[0, 0]
     energy = texels[:, 5:8].sum(1)
-    weight = energy * np.sqrt(energy / models.slope_albedo(*texels[:, 8:].T))
+    weight = energy * np.sqrt(energy / m.reflection.albedo(texels[:, 8:].T))
     spread = np.cov(texels[:, 8:10].T, aweights=weight, ddof=0) * part
     own = np.average(texels[:, 10:], 0, weights=weight)
     np.testing.assert_allclose(top[8:10], np.average(texels[:, 8:10], 0, weights=weight), atol=1e-5)
@@ -151,16 +152,16 @@ def test_lobes_are_grouped_as_they_belong_together(
 
     truth, weights = seen(packed), None
     for _ in range(3):
-        packed, weights = halve(packed, weights, 3, 2, "gaussian")
+        packed, weights = halve(packed, weights, 3, Slope(lobes=2))
         truth = mean(truth)
         assert np.sqrt(np.mean((seen(packed) - truth) ** 2) / np.mean(truth**2)) < bound
 
 
 def test_blocks_of_rows_are_one_whole(jit: str, fabric: Callable[..., Material], monkeypatch: Any) -> None:
     packed = pack(fabric(lobes=2, size=(24, 10)), 3)
-    whole = halve(packed, None, 3, 2, "gaussian")
+    whole = halve(packed, None, 3, Slope(lobes=2))
     monkeypatch.setattr(pyramid, "BLOCK", 40)
-    for found, expected in zip(halve(packed, None, 3, 2, "gaussian"), whole, strict=True):
+    for found, expected in zip(halve(packed, None, 3, Slope(lobes=2)), whole, strict=True):
         np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
@@ -175,10 +176,10 @@ def test_fabric_without_lobes_has_a_pyramid(jit: str, fabric: Callable[..., Mate
 @pytest.mark.parametrize("wrap", ["repeat", "clamp"])
 def test_each_level_is_found_and_wraps(jit: str, fabric: Callable[..., Material], wrap: str) -> None:
     packed = pack(weave(fabric, (24, 40)), 3)
-    levels = Pyramid(packed, lambda m, w: halve(m, w, 3, 1, "gaussian"), wrap)
+    levels = Pyramid(packed, lambda m, w: halve(m, w, 3, Slope()), wrap)
     level, weights = packed, None
     for k in range(1, levels.count + 1):
-        level, weights = halve(level, weights, 3, 1, "gaussian")
+        level, weights = halve(level, weights, 3, Slope())
         height, width = level.shape[:2]
         for y, x in ((0, 0), (height - 1, width - 1), (height // 2, width // 3)):
             uv = mi.Point2f((x + 0.5) / width, (y + 0.5) / height)

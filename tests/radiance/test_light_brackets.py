@@ -11,7 +11,7 @@ from stages import make_stack
 from kinran import ingest, ingest_group
 from kinran.encoding import parse
 from kinran.files import InputError
-from kinran.lights import Light, write_lp
+from kinran.lights import LpLight, write_lp
 from kinran.photograph_set import Known, inspect
 from kinran.radiance.calibration import read_calibration
 from kinran.radiance.value import SATURATED
@@ -22,7 +22,7 @@ TIMES = (0.4, 0.1, 0.025)
 
 
 def truth(light: int) -> np.ndarray:
-    """Light (SIDE, SIDE, 3) in white a second, row 0 at the bottom: three decades, each light of its own level."""
+    """LpLight (SIDE, SIDE, 3) in white a second, row 0 at the bottom: three decades, each light of its own level."""
     y, x = np.mgrid[0 : 1 : SIDE * 1j, 0 : 1 : SIDE * 1j]
     level = 10 ** (-1.2 + 2.4 * x + 0.5 * np.sin(4 * y + light)) * (1 + 0.2 * light)
     return level[..., None] * np.array([1.0, 0.7, 0.4])
@@ -31,7 +31,7 @@ def truth(light: int) -> np.ndarray:
 def lights(folder: Path) -> None:
     angles = np.linspace(0, 2 * np.pi, COUNT, endpoint=False)
     vectors = [(0.5 * float(np.cos(a)), 0.5 * float(np.sin(a)), 0.75**0.5) for a in angles]
-    write_lp(folder / "set.lp", [Light(f"l{k}", vector, f"l{k}.png") for k, vector in enumerate(vectors)])
+    write_lp(folder / "set.lp", [LpLight(f"l{k}", vector, f"l{k}.png") for k, vector in enumerate(vectors)])
 
 
 @pytest.fixture(params=["folders", "names"])

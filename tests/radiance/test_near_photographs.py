@@ -10,7 +10,7 @@ from stages import make_stack
 from kinran import ingest, ingest_group
 from kinran.files import InputError
 from kinran.geometry import directions_to, falloff, texel_points
-from kinran.lights import Light, read_lp, write_lp
+from kinran.lights import LpLight, read_lp, write_lp
 from kinran.photograph_set import Known
 from kinran.stack import Stack
 
@@ -40,7 +40,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         tifffile.imwrite(folder / f"n{k}.tif", picture)
         length = float(np.linalg.norm(position))
         x, y, z = (float(part) for part in position / length)
-        lights.append(Light(f"n{k}", (x, y, z), f"n{k}.tif", length=length))
+        lights.append(LpLight(f"n{k}", (x, y, z), f"n{k}.tif", length=length))
     write_lp(folder / "near.lp", lights)
     return folder
 
@@ -104,8 +104,8 @@ def test_what_lengths_mean_is_said(folder: Path, tmp_path: Path, caplog: pytest.
     ("lengths", "says"),
     [
         ((0.0, 60.0, None), "--lamp-mm 0: give a length over 0 mm"),
-        ((300.0, None, None), "--lamp-mm: says something only beside"),
-        ((None, None, 300.0), "--camera-mm: says something only beside"),
+        ((300.0, None, None), "--lamp-mm: needs the width of a photograph"),
+        ((None, None, 300.0), "--camera-mm: needs the width of a photograph"),
         ((None, float("inf"), None), "--field-mm inf"),
     ],
 )

@@ -9,7 +9,7 @@ from stages import make_stack
 
 from kinran import ingest, ingest_group
 from kinran.files import InputError, write_json
-from kinran.lights import Light, write_lp
+from kinran.lights import LpLight, write_lp
 from kinran.photograph_set import Known, inspect
 from kinran.plans import read_plan, write_plan
 from kinran.radiance import colour_chart, merge_group
@@ -31,7 +31,7 @@ def folder(tmp_path: Path) -> Path:
         values[0, 0] = 255
         Image.fromarray(values.astype(np.uint8)).save(tmp_path / f"p{k:02d}.png")
         x_, y_, z_ = (float(v) for v in vector)
-        lights.append(Light(f"p{k:02d}", (x_, y_, abs(z_)), f"p{k:02d}.png"))
+        lights.append(LpLight(f"p{k:02d}", (x_, y_, abs(z_)), f"p{k:02d}.png"))
     write_lp(tmp_path / "set.lp", lights)
     return tmp_path
 

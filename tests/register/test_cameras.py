@@ -13,7 +13,7 @@ from kinran.files import InputError
 from kinran.register import cameras, target
 
 
-def calibrate(session: Session, corners: list[target.Corners]) -> cameras.Calibration:
+def calibrate(session: Session, corners: list[target.Corners]) -> cameras.JudgedCameras:
     return cameras.calibrate(session.board.points, corners, plate.WIDTH, plate.HEIGHT)
 
 

@@ -107,6 +107,14 @@ def test_round_trip(tmp_path: Path, paper: Plan) -> None:
     assert again.sha256 == paper.sha256
 
 
+def test_whole_numbers_are_the_same_plan(tmp_path: Path) -> None:
+    sizes = [Distances(lamp_mm) for lamp_mm in (600, 600.0)]
+    plans = [grid.plan_grid("gold", [0, 20], 8, [1], meridians=8, distances=size) for size in sizes]
+    assert plans[0].sha256 == plans[1].sha256
+    write_plan(tmp_path / "plan.json", plans[0])
+    assert read_plan(tmp_path / "plan.json").sha256 == plans[0].sha256
+
+
 def test_an_edited_plan_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "plan.json"
     write_plan(path, grid.plan_grid("gold", [0, 20], 8, [0.04], meridians=8))

@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kinran.coarsen import Inputs, average, coarse_labels, coarsest_factor, main
+from kinran.coarsen import Inputs, average, coarse_labels, main
 from kinran.exr import read_exr
 from kinran.files import InputError, write_json
 from kinran.labels import Region, read_regions, write_labels, write_regions
+from kinran.needed import read_need
 from kinran.radiance.value import DARK, HOT, SATURATED, SHIFTED, Radiance
 from kinran.shards import shard_path
 from kinran.stack import Light, Metadata, Stack, write_metadata, write_shards
@@ -36,7 +37,7 @@ def fabric(tmp_path: Path) -> Path:
 
 
 def coarsen(folder: Path, factor: int) -> Stack:
-    write_json(folder / "need.json", {"footprint": {"coarsest_factor": factor}})
+    write_json(folder / "need.json", {"regions": [], "footprint": {"coarsest_factor": factor}})
     main(Inputs(folder, folder / "need.json"), folder / "coarse")
     return Stack.open(folder / "coarse" / "radiance.zarr")
 
@@ -91,6 +92,6 @@ def test_a_texel_of_two_threads_counts_for_both() -> None:
 def test_bad_input_is_told(fabric: Path) -> None:
     with pytest.raises(InputError, match="move the camera closer"):
         coarsen(fabric, 71)
-    write_json(fabric / "need.json", {})
-    with pytest.raises(InputError, match="names no footprint"):
-        coarsest_factor(fabric / "need.json")
+    write_json(fabric / "need.json", {"regions": [], "footprint": {}})
+    with pytest.raises(InputError, match=r"\(footprint: Object missing required field `coarsest_factor`\)"):
+        read_need(fabric / "need.json")

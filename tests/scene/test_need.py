@@ -226,9 +226,12 @@ def test_what_cannot_be_used_is_one_sentence(
     ("text", "says"),
     [
         ("{", "is not valid JSON"),
-        ("[]", "names no regions"),
-        ('{"regions": [{"label": 0}]}', "names no regions"),
-        ('{"regions": [{"label": 0, "needed": true}]}', "says nothing of the label 1"),
+        ("[]", "is not what a scene needs"),
+        ('{"regions": [{"label": 0}]}', r"regions\[0\]: Object missing required field `needed`"),
+        (
+            '{"regions": [{"label": 0, "needed": true}], "footprint": {"coarsest_factor": 1}}',
+            "says nothing of the label 1",
+        ),
     ],
 )
 def test_an_answer_that_is_not_this_fabrics(tmp_path: Path, text: str, says: str) -> None:

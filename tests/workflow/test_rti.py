@@ -13,7 +13,7 @@ from PIL import Image
 from kinran import frames
 from kinran.encoding import parse
 from kinran.exr import read_exr
-from kinran.lights import Light, write_lp
+from kinran.lights import LpLight, write_lp
 from kinran.rti import Inputs, Options, prepare
 
 SIDE, LIGHTS = 28, 24
@@ -54,7 +54,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder.mkdir()
     k = np.arange(LIGHTS) + 0.5
     directions = frames.direction(np.arccos(1 - 0.6 * k / LIGHTS), k * np.pi * (3 - 5**0.5))
-    lights = [Light(f"IMG {i:02d}", tuple(d), f"IMG {i:02d}.png") for i, d in enumerate(directions)]
+    lights = [LpLight(f"IMG {i:02d}", tuple(d), f"IMG {i:02d}.png") for i, d in enumerate(directions)]
     for light in lights:
         Image.fromarray(bowl(np.array(light.direction))).save(folder / light.file)
     write_lp(folder / "lights.lp", lights)

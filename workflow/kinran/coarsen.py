@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from kinran.exr import read_exr
 from kinran.fabric import Fabric
-from kinran.files import InputError, read_json
+from kinran.files import InputError
 from kinran.labels import write_labels, write_regions
+from kinran.needed import read_need
 from kinran.radiance.value import DARK, HOT, Radiance
 from kinran.shards import NAMES, SHARD, shard_path
 from kinran.stack import CHUNK, Stack, write_metadata, write_shards
@@ -36,7 +37,7 @@ class Inputs:
 def main(inputs: Inputs, out: Annotated[Path, "OUT", "folder of the fabric with coarse texels"]) -> None:
     """Write stack, labels and regions of coarse texels."""
     fine, coarse = Fabric(inputs.fabric), Fabric(out)
-    stack, factor = fine.stack, coarsest_factor(inputs.need)
+    stack, factor = fine.stack, read_need(inputs.need).footprint.coarsest_factor
     if factor > min(stack.height, stack.width):
         raise InputError(
             f"{stack.path}: a texel that {inputs.need} allows, {factor} wide, is wider than it; move the camera closer"
@@ -49,20 +50,6 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "folder of the fabric with 
     write_coarse(coarse.stack_path, stack, factor)
     height, width = labels["labels"].shape
     log.info("coarsen: %d x %d texels make one; %d x %d of them", factor, factor, width, height)
-
-
-def coarsest_factor(need: Path) -> int:
-    """Texels, along a side, that can be averaged to one and nobody sees it.
-
-    Raises
-    ------
-    InputError
-        The file is not what `kinran need` writes.
-    """
-    try:
-        return int(read_json(need)["footprint"]["coarsest_factor"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{need}: names no footprint ({error!r}); make it with kinran need") from None
 
 
 def average(radiance: Radiance, factor: int) -> Radiance:
@@ -93,7 +80,7 @@ def coarse_labels(channels: dict[str, NDArray[np.float32]], factor: int) -> dict
     Parameters
     ----------
     channels
-        Of a label map: a texel belongs to its label by its membership, and for the rest to the second.
+        Channels (y, x) of a label map: a texel belongs to its label by its membership, and for the rest to the second.
 
     Returns
     -------
@@ -118,7 +105,7 @@ def coarse_labels(channels: dict[str, NDArray[np.float32]], factor: int) -> dict
 
 
 def write_coarse(path: Path, stack: Stack, factor: int) -> None:
-    """Write the coarse stack, a shard's lights at a time; texels as of `average`."""
+    """Write the coarse stack, a shard's lights at a time, its texels averaged by `average`."""
     if path.exists():
         shutil.rmtree(path)  # its shards may be of another size
     for first in range(0, len(stack.lights), SHARD):

@@ -28,17 +28,19 @@ class Argument:
     Attributes
     ----------
     name
-        Of the field or the parameter.
+        Name of the field or the parameter.
     kind
         Its type, without annotations.
     help
         What it is.
     word
-        As it stands in the usage: ``OUT`` for a positional argument, ``--name VALUE`` or None for an option.
+        Word of the usage: ``OUT`` for a positional argument, ``--name VALUE`` or None for an option.
     parse
-        From a word to the value; None for what the type does.
+        Function from a word to the value; None for the type itself.
     default
         `REQUIRED` where it has to be given.
+    group
+        Parameter of `main` whose field it is: `inputs` and `out` may both have a material.
     """
 
     name: str
@@ -47,12 +49,18 @@ class Argument:
     word: str | None = None
     parse: Callable[[str], Any] | None = None
     default: Any = REQUIRED
+    group: str = ""
+
+    @property
+    def dest(self) -> str:
+        """Its place among the parsed arguments."""
+        return f"{self.group}.{self.name}"
 
     def add_to(self, parser: argparse.ArgumentParser) -> None:
         """Declare the argument."""
         kind, several = _element(self.kind)
         required = self.default is REQUIRED
-        settings: dict[str, Any] = {"help": self.help}
+        settings: dict[str, Any] = {"help": self.help.replace("%", "%%")}
         if kind is bool:
             settings["action"] = argparse.BooleanOptionalAction if self.default else "store_true"
         elif typing.get_origin(kind) is Literal:
@@ -65,18 +73,18 @@ class Argument:
         if self.word is not None and not self.word.startswith("--"):
             if not required and not several:
                 settings["nargs"] = "?"
-            parser.add_argument(self.name, metavar=self.word, **settings)
+            parser.add_argument(self.dest, metavar=self.word, **settings)
             return
         flag, _, value = (self.word or "--" + self.name.replace("_", "-")).partition(" ")
         if value:
             settings["metavar"] = value
         if several:
             settings["action"] = "extend"
-        parser.add_argument(flag, dest=self.name, required=required, default=None, **settings)
+        parser.add_argument(flag, dest=self.dest, required=required, default=None, **settings)
 
     def value(self, args: argparse.Namespace) -> Any:
         """Its value, or its default where it was not given; of several a tuple."""
-        value = getattr(args, self.name)
+        value = getattr(args, self.dest)
         if value is None or value == []:
             return None if self.default is REQUIRED else self.default
         return tuple(value) if isinstance(value, list) else value
@@ -105,7 +113,7 @@ def _parameters(main: Main) -> Iterator[tuple[str, Any, list[Argument]]]:
         hint = hints[name]
         if dataclasses.is_dataclass(hint):
             fields = typing.get_type_hints(hint, include_extras=True)
-            yield name, hint, [_argument(f.name, fields[f.name], _default(f)) for f in dataclasses.fields(hint)]
+            yield name, hint, [_argument(f.name, fields[f.name], _default(f), name) for f in dataclasses.fields(hint)]
         else:
             default = REQUIRED if parameter.default is parameter.empty else parameter.default
             yield name, None, [_argument(name, hint, default)]
@@ -117,13 +125,13 @@ def _default(field: "dataclasses.Field[Any]") -> Any:
     return REQUIRED if field.default is dataclasses.MISSING else field.default
 
 
-def _argument(name: str, hint: Any, default: Any) -> Argument:
+def _argument(name: str, hint: Any, default: Any, group: str = "") -> Argument:
     if typing.get_origin(hint) is not Annotated:
         raise TypeError(f"{name}: is not annotated with its help")
     kind, *notes = typing.get_args(hint)
     words = [note for note in notes if isinstance(note, str)]
     parse = next((note for note in notes if callable(note)), None)
-    return Argument(name, kind, words[-1], words[0] if len(words) > 1 else None, parse, default)
+    return Argument(name, kind, words[-1], words[0] if len(words) > 1 else None, parse, default, group)
 
 
 def _element(kind: Any) -> tuple[Any, bool]:

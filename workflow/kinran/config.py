@@ -13,14 +13,13 @@ import yaml
 from kinran import encoding
 from kinran.code import ROOT
 from kinran.files import InputError
+from kinran.fit.few_lights import FEW_LIGHTS
 from kinran.geometry import Distances
 from kinran.grid import group_names, plan_grid
 from kinran.lights import lp_file, read_lp
 from kinran.plans import list_group_names
 from kinran.sheets import read_sheet
 
-FEW_LIGHTS = 45
-"""Under so many lights there is one slope lobe, whatever the config says."""
 OF_PHOTOGRAPHS = ("lamp_mm", "field_mm", "camera_mm", "chart", "chart_corners", "lamp")
 """Columns of the sheet of fabrics that it need not have."""
 SCHEMAS = ROOT / "workflow" / "schemas"
@@ -35,7 +34,7 @@ class ChartShot:
     file
         None on the rig, which shoots it itself, and where there is none.
     corners, lamp
-        As `kinran calibrate` takes them.
+        Options ``--chart-corners`` and ``--lamp`` of `kinran calibrate`.
     """
 
     file: Path | None = None
@@ -50,7 +49,7 @@ class ChartShot:
 
 
 @dataclass(frozen=True)
-class Fabric:
+class FabricRow:
     """A row of the sheet of fabrics.
 
     Attributes
@@ -60,15 +59,15 @@ class Fabric:
     folder
         Folder of its photographs; None where it lies on the rig.
     encoding, crop
-        Of the photographs.
+        Encoding and crop of the photographs.
     regions
         Number of regions; None to let the data say.
     seeds
         Texels of each region, as the sheet has them.
     distances
-        Of lamps and camera of photographs; empty on the rig, whose config has them.
+        Distances of lamps and camera of photographs; empty on the rig, whose config has them.
     chart
-        Of the fabric's session.
+        Colour chart of the fabric's session.
     lights
         Number of different light directions.
     light_groups
@@ -102,7 +101,7 @@ class Fabric:
         return " ".join(f"--{name} {value:.9g}" for name, value in given.items())
 
 
-def lobes_of(config: dict[str, Any], fabric: Fabric) -> tuple[int, str] | None:
+def lobes_of(config: dict[str, Any], fabric: FabricRow) -> tuple[int, str] | None:
     """Number and tail of a fabric's slope lobes: what the config says, but one GGX lobe under few lights.
 
     None where they are to be chosen for each fabric.
@@ -143,7 +142,7 @@ def _fill(value: dict[str, Any], rules: dict[str, Any]) -> None:
             _fill(value[key], rule)
 
 
-def read_fabrics(config: dict[str, Any]) -> dict[str, Fabric]:
+def read_fabrics(config: dict[str, Any]) -> dict[str, FabricRow]:
     """Check the config, and read the sheet of fabrics that it names.
 
     Raises
@@ -153,7 +152,7 @@ def read_fabrics(config: dict[str, Any]) -> dict[str, Fabric]:
     """
     check(config, "config", "config.yaml")
     sheet = config["fabrics"]
-    fabrics: dict[str, Fabric] = {}
+    fabrics: dict[str, FabricRow] = {}
     for row in read_sheet(sheet):
         check(dict(row), "fabric", f"{sheet}: fabric '{row.get('fabric', '')}'")
         if row["fabric"] in fabrics:
@@ -164,7 +163,7 @@ def read_fabrics(config: dict[str, Any]) -> dict[str, Fabric]:
     return fabrics
 
 
-def _fabric(row: dict[str, str], rig: dict[str, Any], sheet: str) -> Fabric:
+def _fabric(row: dict[str, str], rig: dict[str, Any], sheet: str) -> FabricRow:
     regions = int(row["regions"]) if row["regions"] else None
     lamp, field, camera = (float(row[name]) if row.get(name) else None for name in ("lamp_mm", "field_mm", "camera_mm"))
     distances = Distances(lamp, field, camera)
@@ -179,7 +178,9 @@ def _fabric(row: dict[str, str], rig: dict[str, Any], sheet: str) -> Fabric:
         lights = tuple(group for group in groups if group != "calibration")
         count = (len(rig["thetas"]) - 1) * rig["phis"] + 1
         everything = (*lights, "calibration")
-        return Fabric(row["fabric"], None, "", "", regions, row["seeds"], distances, chart, count, lights, everything)
+        return FabricRow(
+            row["fabric"], None, "", "", regions, row["seeds"], distances, chart, count, lights, everything
+        )
     folder = Path(row["source"])
     encoded = row["encoding"] or "srgb"
     encoding.parse(encoded)
@@ -188,18 +189,19 @@ def _fabric(row: dict[str, str], rig: dict[str, Any], sheet: str) -> Fabric:
     )
     if chart.file is None and (chart.corners or chart.lamp):
         raise InputError(
-            f"{sheet}: fabric '{row['fabric']}' has no chart; name its photograph, or leave out what it is of"
+            f"{sheet}: fabric '{row['fabric']}' has no chart; name its photograph,"
+            " or leave its corners and its lamp empty"
         )
     if chart.file is not None and not chart.file.is_file():
         raise InputError(f"{sheet}: {chart.file} is no file; correct the chart of fabric '{row['fabric']}'")
     count = len(read_lp(lp_file(folder)))
     groups = tuple(list_group_names(count))
-    return Fabric(
+    return FabricRow(
         row["fabric"], folder, encoded, row["crop"], regions, row["seeds"], distances, chart, count, groups, groups
     )
 
 
-def read_revisions(config: dict[str, Any], fabrics: dict[str, Fabric]) -> Callable[[str, str], str]:
+def read_revisions(config: dict[str, Any], fabrics: dict[str, FabricRow]) -> Callable[[str, str], str]:
     """Read the sheet of directions to shoot again.
 
     Returns

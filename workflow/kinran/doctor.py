@@ -5,7 +5,6 @@ import importlib.metadata
 import importlib.util
 import os
 import shutil
-import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,17 +12,13 @@ from pathlib import Path
 
 from kinran.code import ROOT
 from kinran.files import InputError
+from kinran.probes import LIBRARIES, PYMESHLAB_PLUGINS, pymeshlab_fault, variant_fault
 
 LEAST_MEMORY_GB, LEAST_DISK_GB = 4, 3
-PYMESHLAB_PLUGINS = 58
-LIBRARIES = "apt-get install --no-install-recommends libgl1 libopengl0 libatomic1 libllvm19"
-LLVM_PROBE = (
-    "import mitsuba as mi, drjit as dr; mi.set_variant('llvm_ad_rgb');"
-    "x = dr.maximum(mi.Float([1.0, 2.0]), 1.5); dr.eval(x); print('works')"
-)
-MESH_PROBE = "import pymeshlab; print(pymeshlab.plugin_number())"
+"""What the demo should have. Its files take 0.15 GB and the packages of .venv 2 GB; no measurement stands behind the
+memory."""
 PACKAGES = (
-    "mitsuba", "drjit", "snakemake", "OpenEXR", "colour-science", "pycolmap", "hidapi", "libigl", "numba", "zarr",
+    "mitsuba", "drjit", "snakemake", "OpenEXR", "colour-science", "hidapi", "libigl", "numba", "zarr",
     "rawpy", "kinran-bsdf",
 )  # fmt: skip
 
@@ -75,21 +70,16 @@ def packages() -> Finding:
 
 
 def llvm() -> Finding:
-    """Whether Dr.Jit can compile; in a process of its own, since a wrong LLVM aborts it."""
-    run = _probe(LLVM_PROBE)
-    if run.returncode == 0 and "works" in run.stdout:
-        return Finding(True, os.environ.get("DRJIT_LIBLLVM_PATH", "the system's libLLVM works with Dr.Jit"))
-    what = "is not found" if run.returncode == 1 else f"aborts the process (status {run.returncode})"
-    return Finding(False, f"libLLVM {what}", f"Mitsuba 3.9 needs LLVM 17 or newer: {LIBRARIES}; 15 and 16 abort")
+    """Whether Dr.Jit can compile."""
+    if fault := variant_fault():
+        return Finding(False, f"LLVM: {fault}", f"Mitsuba 3.9 needs LLVM 17 or newer: {LIBRARIES}; 15 and 16 abort")
+    return Finding(True, os.environ.get("DRJIT_LIBLLVM_PATH", "the system's libLLVM works with Dr.Jit"))
 
 
 def meshlab() -> Finding:
     """Whether pymeshlab has all its plugins: without libOpenGL it loses the reading of meshes."""
-    run = _probe(MESH_PROBE)
-    number = run.stdout.strip()
-    well = run.returncode == 0 and number.isdigit() and int(number) >= PYMESHLAB_PLUGINS
-    last = (run.stderr.strip().splitlines() or ["no reason given"])[-1]
-    return Finding(well, f"{number} plugins" if number.isdigit() else last, LIBRARIES)
+    fault = pymeshlab_fault()
+    return Finding(not fault, fault or f"{PYMESHLAB_PLUGINS} plugins", LIBRARIES)
 
 
 def compiled() -> Finding:
@@ -102,6 +92,14 @@ def compiled() -> Finding:
     return Finding(
         not native.stale(library), str(library), "compiled from other sources or for another Mitsuba: kinran native"
     )
+
+
+def pycolmap() -> Finding:
+    """Whether side views can be registered; nothing else needs pycolmap."""
+    try:
+        return Finding(True, importlib.metadata.version("pycolmap"))
+    except importlib.metadata.PackageNotFoundError:
+        return Finding(True, "none; optional: kinran register needs it, pip install 'pycolmap>=4.2'")
 
 
 def hid() -> Finding:
@@ -147,16 +145,13 @@ def snakefile() -> Finding:
     return Finding((ROOT / "Snakefile").is_file(), str(ROOT), "work in a clone of the project")
 
 
-def _probe(code: str) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-
-
 CHECKS: dict[str, Callable[[], Finding]] = {
     "Python": python,
     "packages": packages,
     "LLVM for Mitsuba": llvm,
     "compiled plugin": compiled,
     "pymeshlab": meshlab,
+    "pycolmap": pycolmap,
     "hidapi": hid,
     "cores": cores,
     "memory": memory,

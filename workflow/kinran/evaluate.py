@@ -1,117 +1,95 @@
 """Error of each fitted material on the held-out lights, by region and by light."""
 
-import argparse
-import sys
+import logging
 import time
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran import encoding, metrics, pictures, prediction
+from kinran import metrics, pictures, prediction
+from kinran.fabric import Fabric
 from kinran.files import InputError, read_json, write_json
-from kinran.labels import LabelMap, Region, read_labels, read_regions
-from kinran.radiance.value import HOT, SATURATED, SHIFTED
-from kinran.stack import Light, Stack
+from kinran.heldout import HeldOut
+from kinran.labels import LabelMap, Region
+from kinran.stack import Stack
 from kinran_bsdf.colours import TO_REC709
 from kinran_bsdf.material import read_material
+
+log = logging.getLogger(__name__)
 
 Images = NDArray[np.float32]
 
 SHOWN = 3
-"""Held-out lights in the picture."""
+"""Held-out lights in the picture: the brightest, the darkest and the one between them."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the stage."""
-    parser.add_argument("--fabric", required=True)
-    parser.add_argument("--stack", type=Path, required=True, help="radiance stack (.zarr)")
-    parser.add_argument("--labels", type=Path, required=True, help="label map (.exr)")
-    parser.add_argument("--regions", type=Path, required=True, help="regions (.json)")
-    parser.add_argument("--materials", type=Path, nargs="+", required=True, help="MODEL.exr beside its MODEL.json")
-    parser.add_argument("--picture", type=Path, required=True, help="held-out photographs beside predictions (.png)")
-    parser.add_argument("out", type=Path, help="errors (.json)")
+@dataclass(frozen=True)
+class Inputs:
+    """What the stage reads."""
+
+    fabric: Annotated[Path, "folder of the fabric: radiance.zarr, labels.exr, regions.json"]
+    materials: Annotated[tuple[Path, ...], "MODEL.exr beside its MODEL.json; the first is the default"]
 
 
-def main(args: argparse.Namespace) -> None:
+@dataclass(frozen=True)
+class Outputs:
+    """What the stage writes."""
+
+    errors: Annotated[Path, "OUT", "errors (.json)"]
+    picture: Annotated[Path, "held-out photographs beside predictions (.png)"]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the errors are called."""
+
+    name: Annotated[str, "name of the fabric"]
+
+
+def main(inputs: Inputs, out: Outputs, options: Options) -> None:
     """Write the errors of all materials; the first one is the default."""
-    stack = Stack.open(args.stack)
-    labels = read_labels(args.labels)
-    regions = read_regions(args.regions)
+    fabric = Fabric(inputs.fabric)
+    stack = fabric.stack
     result: dict[str, Any] = {
-        "fabric": args.fabric,
-        "default": args.materials[0].stem,
+        "fabric": options.name,
+        "default": inputs.materials[0].stem,
         "unit": stack.unit,
         "psnr_of": stack.encoding or f"log(1 + {metrics.LOG_COMPRESSION:g} x / p99.9)",
-        "training_lights": sum(not light.held_out for light in stack.lights),
+        "training_lights": int((~stack.held_out).sum()),
         "held_out": [light.name for light in stack.lights if light.held_out],
-        "regions": {region.name: region.texels for region in regions},
+        "regions": {region.name: region.texels for region in fabric.regions},
         "methods": {},
     }
-    use = np.array([i for i, light in enumerate(stack.lights) if light.held_out], np.intp)
-    if len(use):
-        truth, valid = _read(stack, use)
-        lights = [stack.lights[i] for i in use]
-        coder = encoding.parse(stack.encoding) if stack.encoding else None
-        peak = float(np.percentile(truth, 99.9)) or 1.0
+    if stack.held_out.any():
+        held = HeldOut.read(stack)
         predictions = {}
-        for path in args.materials:
+        for path in inputs.materials:
             start = time.process_time()
-            material = read_material(path)
-            if material.channels["label"].shape != truth.shape[1:3]:
-                raise InputError(f"{path}: its size is not that of {args.stack}; fit it again")
-            predicted = np.zeros_like(truth)
-            for box in stack.tiles():
-                predicted[:, box[0] : box[1], box[2] : box[3]] = prediction.predict(material, stack, box, use)
+            predicted = _predicted(path, stack, held)
             seconds = time.process_time() - start
             predictions[path.stem] = predicted
-            errors = _errors(predicted, truth, valid, lights, labels, regions, coder, peak)
+            errors = errors_of(held, predicted, fabric.labels, fabric.regions)
             result["methods"][path.stem] = {**errors, "relight_cpu_seconds": round(seconds, 3)}
-            print(
-                f"{path.stem}: {errors['psnr']:.2f} dB, relative {errors['relative_error']:.3f}",
-                file=sys.stderr,
-            )
-        picture = _picture(predictions, truth, lights, stack, peak)
+            log.info("%s: %.2f dB, relative %.3f", path.stem, errors["psnr"], errors["relative_error"])
+        picture = _picture(predictions, held, stack)
     else:
         empty = np.full((40, 360, 3), 250, np.uint8)
         picture = pictures.sheet([[("no light was held out: there is nothing to judge by", empty)]])
-    for path in args.materials:
+    for path in inputs.materials:
         result["methods"].setdefault(path.stem, {})["fit"] = read_json(path.with_suffix(".json"))
-    pictures.write_png(args.picture, picture)
-    write_json(args.out, result)
+    pictures.write_png(out.picture, picture)
+    write_json(out.errors, result)
 
 
-def _read(stack: Stack, use: NDArray[np.intp]) -> tuple[Images, Images]:
-    """Held-out photographs (light, y, x, 3) and whether each sample can be judged by."""
-    truth = np.zeros((len(use), stack.height, stack.width, 3), np.float32)
-    valid = np.zeros_like(truth)
-    bad = HOT | SHIFTED | (0 if stack.encoding else SATURATED)
-    for y0, y1, x0, x1 in stack.tiles():
-        seen = stack.read_tile(y0, y1, x0, x1, lights=use)
-        ok = ~seen.has(bad) & np.isfinite(seen.value)
-        valid[:, y0:y1, x0:x1] = ok
-        truth[:, y0:y1, x0:x1] = np.where(ok, seen.value, 0)
-    return truth, valid
-
-
-def _errors(
-    predicted: Images,
-    truth: Images,
-    valid: Images,
-    lights: list[Light],
-    labels: LabelMap,
-    regions: list[Region],
-    coder: encoding.Encoding | None,
-    peak: float,
-) -> dict[str, Any]:
-    """Errors over everything, by region, by light and by texel."""
-    n = len(lights)
-    flat = [a.reshape(n, -1, 3) for a in (predicted, truth, valid)]
-    p, g, v = flat
-    dp, dg = metrics.to_display(p, coder, peak), metrics.to_display(g, coder, peak)
-    sines = np.array([max(1 - light.direction[2] ** 2, 0.0) ** 0.5 for light in lights])
-    weight = sines if all(light.grid for light in lights) else np.ones(n)
+def errors_of(held: HeldOut, predicted: Images, labels: LabelMap, regions: list[Region]) -> dict[str, Any]:
+    """Errors of a prediction (light, y, x, 3): over everything, by region, by light and by texel."""
+    n = len(held.lights)
+    p, g, v = (a.reshape(n, -1, 3) for a in (predicted, held.truth, held.valid))
+    dp, dg = held.shown(p), held.shown(g)
+    weight = held.share
 
     def over(inside: NDArray[np.bool_] | slice) -> dict[str, float]:
         by_light = [metrics.psnr(dp[i][inside], dg[i][inside], v[i][inside]) for i in range(n)]
@@ -122,31 +100,39 @@ def _errors(
             "psnr_min": round(float(np.min(by_light)), 3),
         }
 
+    def of_light(i: int) -> dict[str, float]:
+        one = slice(i, i + 1)
+        return {
+            "psnr": round(metrics.psnr(dp[i], dg[i], v[i]), 3),
+            "relative_error": round(metrics.relative_error(p[one], g[one], v[one], np.ones(1)), 5),
+        }
+
     w = weight[:, None, None] * v
     texel = np.sqrt((w * (p - g) ** 2).sum((0, 2)) / np.maximum((w * g**2).sum((0, 2)), 1e-12))
-    by_region = {r.name: {**over(labels.reshape(-1) == r.label), "texels": r.texels} for r in regions}
-    by_light = {
-        light.name: {
-            "psnr": round(metrics.psnr(dp[i], dg[i], v[i]), 3),
-            "relative_error": round(metrics.relative_error(p[i : i + 1], g[i : i + 1], v[i : i + 1], np.ones(1)), 5),
-        }
-        for i, light in enumerate(lights)
-    }
     return {
         **over(slice(None)),
         "texel_median": round(float(np.median(texel)), 5),
         "texel_p95": round(float(np.percentile(texel, 95)), 5),
         "texels_above_1": round(float((texel > 1).mean()), 6),
-        "regions": by_region,
-        "lights": by_light,
+        "regions": {r.name: {**over(labels.reshape(-1) == r.label), "texels": r.texels} for r in regions},
+        "lights": {light.name: of_light(i) for i, light in enumerate(held.lights)},
     }
 
 
-def _picture(
-    predictions: dict[str, Images], truth: Images, lights: list[Light], stack: Stack, peak: float
-) -> pictures.Picture:
+def _predicted(path: Path, stack: Stack, held: HeldOut) -> Images:
+    """What a material says that the stack holds under the held-out lights."""
+    material = read_material(path)
+    if material.channels["label"].shape != held.truth.shape[1:3]:
+        raise InputError(f"{path}: its size is not that of {stack.path}; fit it again")
+    predicted = np.zeros_like(held.truth)
+    for box in stack.tiles():
+        predicted[:, box[0] : box[1], box[2] : box[3]] = prediction.predict(material, stack, box, held.use)
+    return predicted
+
+
+def _picture(predictions: dict[str, Images], held: HeldOut, stack: Stack) -> pictures.Picture:
     """Rows of held-out lights: the photograph, then each prediction and its error."""
-    coder = encoding.parse(stack.encoding) if stack.encoding else None
+    truth = held.truth
     to_rec709 = TO_REC709 @ stack.to_acescg
 
     def shown(image: Images, exposure: float, size: int) -> pictures.Picture:
@@ -158,12 +144,12 @@ def _picture(
     chosen = order[np.linspace(0, len(order) - 1, min(SHOWN, len(order))).astype(int)]
     rows = []
     for i in chosen:
-        exposure = 1.0 if coder else pictures.auto_exposure(truth[i] @ to_rec709.T)
+        exposure = 1.0 if held.coder else pictures.auto_exposure(truth[i] @ to_rec709.T)
         size = max(160, min(240, truth.shape[2]))
-        row = [(lights[i].name, shown(truth[i], exposure, size))]
+        row = [(held.lights[i].name, shown(truth[i], exposure, size))]
         for name, predicted in predictions.items():
             row.append((name, shown(predicted[i], exposure, size)))
-            error = metrics.to_display(predicted[i], coder, peak) - metrics.to_display(truth[i], coder, peak)
+            error = held.shown(predicted[i]) - held.shown(truth[i])
             heat = pictures.heat(np.abs(error).mean(-1), 0.25)
             row.append((f"{name}: error, to 0.25", pictures.enlarge(heat, size)))
         rows.append(row)

@@ -14,7 +14,8 @@ Image = NDArray[np.float32]
 S = TypeVar("S", bound=np.generic)
 
 ROWS = 64
-"""Rows that are read of a single channel at a time."""
+"""Rows of a single channel that are read at a time, so that the file's other channels, decoded with them, take little
+memory."""
 
 
 def write_exr(path: Path, channels: dict[str, Image], header: dict[str, object] | None = None) -> None:

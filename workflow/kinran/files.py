@@ -6,10 +6,16 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import msgspec
+
+T = TypeVar("T")
 
 NAME = re.compile(r"[a-z0-9][a-z0-9_-]*")
+"""Names that are safe as paths, words of a shell and HTML."""
 
 
 class InputError(Exception):
@@ -51,8 +57,8 @@ def atomic(path: Path) -> Iterator[Path]:
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write `value` as indented JSON, atomically; NaN and infinity are refused."""
-    text = json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    """Write `value`, which may hold dataclasses, as indented JSON, atomically; NaN and infinity are refused."""
+    text = json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False, default=asdict) + "\n"
     with atomic(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
@@ -71,6 +77,38 @@ def read_json(path: Path) -> Any:
         raise InputError(f"{path}: no such file") from None
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: is not valid JSON ({error}); make it again") from None
+
+
+def read_as(path: Path, kind: type[T], what: str, remedy: str = "make it again") -> T:
+    """Read a JSON file as a dataclass, or as a list or dict of them; keys that it does not have are passed over.
+
+    Parameters
+    ----------
+    path
+        The file.
+    kind
+        Type that its content must fit.
+    what
+        What the file should be, for the error: "a plan".
+    remedy
+        What to do about a file that is something else.
+
+    Raises
+    ------
+    InputError
+        The file is missing, is not JSON, or a field is missing or of another type.
+    """
+    return fitted(path, read_json(path), kind, what, remedy)
+
+
+def fitted(path: Path, value: Any, kind: type[T], what: str, remedy: str = "make it again") -> T:
+    """Content of a JSON file as a dataclass; parameters and errors as in `read_as`."""
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        reason, _, field = str(error).partition(" - at `$")
+        field = field.strip("`.")
+        raise InputError(f"{path}: is not {what} ({field and field + ': '}{reason}); {remedy}") from None
 
 
 def sha256(path: Path) -> str:

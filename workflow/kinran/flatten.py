@@ -16,7 +16,11 @@ Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
 SLIM_STEPS = 25
-MIDDLE = 0.45  # of a side, from its middle: corners are left out
+"""Steps of the solver. The tests hold lengths in the chart to 0.3 mm of arc length on cloth without a bump; more steps
+were not compared."""
+MIDDLE = 0.45
+"""Half of the share of a side that says its direction: the outer 5 % at each end, where corners are cut or frayed, are
+left out. No measurement stands behind the share."""
 
 
 def half_edges(faces: Faces) -> Faces:
@@ -61,8 +65,8 @@ def boundary_loops(faces: Faces) -> list[NDArray[np.int64]]:
 def unwrap(vertices: Array, faces: Faces) -> Array:
     """Flatten a sheet to one chart that keeps lengths and never folds over.
 
-    Starts from an embedding in a disc, in which no face can flip (Tutte1963), and lowers the symmetric
-    Dirichlet energy from there without ever crossing a flip (SLIM, Rabinovich2017). A conformal map followed
+    Starts from an embedding in a disc, in which no face can flip [Tutte1963], and lowers the symmetric
+    Dirichlet energy from there without ever crossing a flip (SLIM) [Rabinovich2017]. A conformal map followed
     by ARAP stretches cloth as little, but leaves single faces folded over on rougher scans, and SLIM cannot
     mend a conformal start that has such faces.
 
@@ -143,7 +147,7 @@ def side_angles(outline: Array) -> tuple[Array, Array]:
     """Directions of the four sides of a panel that is about a rectangle.
 
     The minimum-area rectangle says which outline points belong to which side; the median slope of each side's
-    points (Sen1968) says its direction, whatever a ragged or cut corner does to the rectangle.
+    points [Sen1968] says its direction, whatever a ragged or cut corner does to the rectangle.
 
     Parameters
     ----------
@@ -155,7 +159,7 @@ def side_angles(outline: Array) -> tuple[Array, Array]:
     angles : (4,) float
         Radians from +u: the two shorter sides, then the two longer ones; modulo π.
     lengths : (4,) float
-        Of the rectangle's sides.
+        Lengths of the rectangle's sides, in the same order.
     """
     angle, low, high = _rectangle(outline)
     x, y = (outline @ _turn(angle) - (low + high) / 2).T

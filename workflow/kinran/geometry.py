@@ -14,7 +14,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Distances:
-    """What somebody measured of a set of photographs; None for what nobody did.
+    """Distances of a set of photographs in millimetres; None for those that were not measured.
 
     Attributes
     ----------
@@ -24,7 +24,7 @@ class Distances:
     field_mm
         Width of a whole photograph on the fabric.
     camera_mm
-        From the fabric to the camera's centre of projection.
+        Distance of the camera's centre of projection from the fabric.
     """
 
     lamp_mm: float | None = None
@@ -33,7 +33,7 @@ class Distances:
 
 
 UNKNOWN = Distances()
-"""Of a set of which nobody measured any."""
+"""Distances of a set where none was measured."""
 
 
 def check_lengths(distances: Distances) -> None:
@@ -95,7 +95,7 @@ def falloff(positions_mm: ArrayLike, points: Array) -> Array:
     Parameters
     ----------
     positions_mm : (..., 3)
-        Of one lamp, or of several.
+        Positions of one lamp, or of several, in millimetres.
     points : (..., 3)
 
     Returns
@@ -105,9 +105,3 @@ def falloff(positions_mm: ArrayLike, points: Array) -> Array:
     positions = np.asarray(positions_mm, float)
     own = np.square(positions).sum(-1).reshape(positions.shape[:-1] + (1,) * (points.ndim - 1))
     return np.asarray(own / (own - 2 * np.tensordot(positions, points, (-1, -1)) + np.square(points).sum(-1)))
-
-
-def half_vectors(light: Array, view: Array) -> Array:
-    """Unit vectors (..., 3) half way between unit vectors."""
-    between = light + view
-    return np.asarray(between / np.linalg.norm(between, axis=-1, keepdims=True))

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from kinran.files import check_name
 from kinran.geometry import crop_centre, seen_from, unit
-from kinran.lights import Light
+from kinran.lights import LpLight
 from kinran.photograph_set import Known, PhotographSet, inspect, remark_on_lengths
 from kinran.photographs import parse_crop
 from kinran.plans import LIST_GROUP, Group, Plan, PlanLight, Shot, list_group_names, write_plan
@@ -45,7 +45,7 @@ def plan(fabric: str, photographs: PhotographSet, known: Known) -> Plan:
     photographs
         The set.
     known
-        What the user says of it; with distances the lights stand where they are seen from the middle of the crop.
+        Encoding, crop and distances of the set; with distances, lights stand as seen from the middle of the crop.
     """
     measured, part, lights = known.distances, parse_crop(known.crop), photographs.lights
     centre, field_mm = (0.0, 0.0), measured.field_mm
@@ -72,7 +72,7 @@ def plan(fabric: str, photographs: PhotographSet, known: Known) -> Plan:
     )
 
 
-def _place(index: int, light: Light, lamp_mm: float | None, centre: tuple[float, float]) -> PlanLight:
+def _place(index: int, light: LpLight, lamp_mm: float | None, centre: tuple[float, float]) -> PlanLight:
     """A light as it is seen from the middle of the crop; as the `.lp` has it where its distance is not known."""
     position, direction = None, light.direction
     if lamp_mm:

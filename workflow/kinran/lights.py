@@ -1,7 +1,8 @@
-"""The lights of a set: names and directions, and the `.lp` files in which they come."""
+"""The lights of a set: where they stand, the grid that they may lie on, and the `.lp` files in which they come."""
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
@@ -11,7 +12,10 @@ from numpy.typing import NDArray
 from kinran.files import InputError
 
 SUFFIX = re.compile(r"[.][A-Za-z]{3,4}[\"']?$")
-"""Of an image: what a file's name ends with."""
+"""End of an image's name."""
+SCATTERED = 5.0, 15.0
+"""Degrees in θ_i and φ_i within which lights that lie on no grid count as one row and one meridian. They are meant to
+find a few lights in the domes of RTI sets, of 30 to 100 lights; no measurement stands behind them."""
 
 
 @dataclass(frozen=True)
@@ -21,15 +25,40 @@ class Light:
     Attributes
     ----------
     name
-        Stem of its image, or of its shot.
+        Name of its shot or photograph.
+    direction
+        Unit vector from the field's centre, away from the surface.
+    position_mm
+        Where the lamp stands, in millimetres from the field's centre; None when unknown.
+    grid
+        (iθ, iφ) in the plan's grid; None in a list.
+    held_out
+        Whether it is kept from every fit, for evaluation.
+    """
+
+    name: str
+    direction: tuple[float, float, float]
+    position_mm: tuple[float, float, float] | None = None
+    grid: tuple[int, int] | None = None
+    held_out: bool = False
+
+
+@dataclass(frozen=True)
+class LpLight:
+    """One light of a `.lp` file.
+
+    Attributes
+    ----------
+    name
+        Stem of its image's name.
     direction
         Unit vector at the field's centre, away from the surface.
     file
         Name of its image as the `.lp` gives it; empty for a shot of the rig.
     folder
-        Of its image, from that of the `.lp`, where this names one beside it; else empty.
+        Folder of its image, from that of the `.lp`, where this names one beside it; else empty.
     length
-        Of the vector in the `.lp`, which may be a position in a unit that the file does not state.
+        Length of the vector in the `.lp`, which may be a position in a unit that the file does not state.
     """
 
     name: str
@@ -39,12 +68,25 @@ class Light:
     length: float = field(default=1.0, compare=False)
 
 
-def directions(lights: list[Light]) -> NDArray[np.float64]:
+def directions(lights: Sequence[Light | LpLight]) -> NDArray[np.float64]:
     """Unit directions of lights, (n, 3)."""
     return np.array([light.direction for light in lights], float).reshape(-1, 3)
 
 
-def read_lp(path: Path) -> list[Light]:
+def half_steps(lights: Sequence[Light]) -> tuple[float, float]:
+    """Half a step in θ_i and φ_i, in radians, of the grid of all lights of a set; `SCATTERED` where there is none.
+
+    φ gets 2 % more: with an odd number of meridians, both neighbours of the opposite azimuth count.
+    """
+    grid = [light.grid for light in lights if light.grid]
+    if len(grid) < len(lights):
+        return math.radians(SCATTERED[0]), math.radians(SCATTERED[1])
+    thetas = np.unique(np.round(np.degrees(np.arccos(directions(lights)[:, 2])), 3))
+    azimuths = max(phi for _, phi in grid) + 1
+    return float(np.radians(0.5 * np.median(np.diff(thetas)))), 1.02 * math.pi / azimuths
+
+
+def read_lp(path: Path) -> list[LpLight]:
     """Read a `.lp` file: the number of lights, then a line ``file x y z`` for each.
 
     File names may hold spaces, quotes and folders (either slash), of which those of another machine do not count.
@@ -67,7 +109,7 @@ def read_lp(path: Path) -> list[Light]:
     count, rows = int(rows[0][1][0]), rows[1:]
     if count != len(rows):
         raise InputError(f"{path}: the first line says {count} lights but {len(rows)} follow; correct one")
-    lights: list[Light] = []
+    lights: list[LpLight] = []
     seen: dict[str, int] = {}
     for number, words in rows:
         light = _parse(path, number, words)
@@ -98,7 +140,7 @@ def _is_vector(words: list[str]) -> bool:
         return False
 
 
-def _parse(path: Path, number: int, words: list[str]) -> Light:
+def _parse(path: Path, number: int, words: list[str]) -> LpLight:
     given = PurePosixPath(" ".join(words[:-3]).strip("\"'").replace("\\", "/"))
     if not given.name or not _is_vector(words[-3:]):
         raise InputError(f"{path}: line {number} is not 'file x y z': {' '.join(words)!r}")
@@ -115,10 +157,10 @@ def _parse(path: Path, number: int, words: list[str]) -> Light:
             " correct it, or take the line out"
         )
     folder = str(given.parent) if beside and len(given.parts) > 1 else ""
-    return Light(given.stem, (x / length, y / length, z / length), file, folder, length)
+    return LpLight(given.stem, (x / length, y / length, z / length), file, folder, length)
 
 
-def write_lp(path: Path, lights: list[Light]) -> None:
+def write_lp(path: Path, lights: list[LpLight]) -> None:
     """Write a `.lp` file: directions times lengths."""
     vectors = [[light.length * part for part in light.direction] for light in lights]
     rows = [f"{a.file or a.name} {' '.join(f'{part:.9f}' for part in v)}" for a, v in zip(lights, vectors, strict=True)]

@@ -30,16 +30,24 @@ from kinran.flatten import (
     vector_area,
     vertex_normals,
 )
+from kinran.probes import PYMESHLAB_PLUGINS
 
 log = logging.getLogger(__name__)
 
 SUFFIXES = (".ply", ".obj", ".stl", ".off")
-PLUGINS = 58  # of pymeshlab when libGL and libOpenGL are both there; without the second it cannot read PLY
-ISLAND = 0.05  # components with a smaller share of the faces are taken for stray scraps
-FACES = 24_000  # about as many as the clean mesh has
-SQUARE = 0.95  # ratio of the sides above which they do not say which is the weft; the scan's up does then
-UNSURE = np.radians(5)  # disagreement of the sides on the weft that is worth a warning
-SMALLEST, LARGEST = 5.0, 10_000.0  # mm, believable size of a panel
+ISLAND = 0.05
+"""Share of the faces under which a component is a stray scrap, such as a clip or a finger; two panels in one scan have
+more each, and are refused. No measurement stands behind the share."""
+FACES = 24_000
+"""About as many triangles as the clean mesh has: on a panel of 60 × 90 mm their edges are 0.7 mm long, for folds of
+centimetres. No measurement stands behind the number."""
+SQUARE = 0.95
+"""Ratio of the sides above which they do not say which is the weft; what is up in the scan does then. No measurement
+stands behind the ratio."""
+UNSURE = np.radians(5)
+"""Disagreement of the sides on the weft that is worth a warning. No measurement stands behind it."""
+SMALLEST, LARGEST = 5.0, 10_000.0
+"""Believable size of a panel in mm: a scan in metres or inches falls outside."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +80,9 @@ def load_pymeshlab() -> Any:
         raise InputError(
             f"pymeshlab: cannot be loaded ({error}); install libgl1 and libopengl0, then run kinran doctor"
         ) from None
-    if pymeshlab.plugin_number() < PLUGINS:
+    if pymeshlab.plugin_number() < PYMESHLAB_PLUGINS:
         raise InputError(
-            f"pymeshlab: only {pymeshlab.plugin_number()} of {PLUGINS} plugins loaded; "
+            f"pymeshlab: only {pymeshlab.plugin_number()} of {PYMESHLAB_PLUGINS} plugins loaded; "
             "install the system library libopengl0"
         )
     return pymeshlab
@@ -138,7 +146,7 @@ def clean(path: Path) -> tuple[Array, Faces, dict[str, Any]]:
     Returns
     -------
     vertices : (n, 3) float
-        In mm, in the scan's coordinates.
+        Positions in mm, in the scan's coordinates.
     faces : (m, 3) int
         Counter-clockwise seen from the side that most of the scan's faces show.
     report : dict

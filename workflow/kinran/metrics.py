@@ -1,13 +1,18 @@
 """Errors of predicted radiance against held-out photographs."""
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from kinran.encoding import Encoding
+from kinran_bsdf import residual
 
 Images = NDArray[np.float32]
 
-LOG_COMPRESSION = 500.0
+LOG_COMPRESSION = residual.LOG_COMPRESSION
+"""Peak over the radiance at which the logarithm of `to_display` bends. It is the plugin's constant, since a material's
+residual lives in the same values."""
+FAINTEST = 1e-12
+"""Least mean squared error, 120 dB: equal images get a finite number. Float32 values in [0, 1] are rounded to 6e-8."""
 
 
 def relative_error(predicted: Images, truth: Images, valid: Images, weight: NDArray[np.float64]) -> float:
@@ -32,7 +37,12 @@ def psnr(display_predicted: Images, display_truth: Images, valid: Images) -> flo
     """Peak signal-to-noise ratio, in dB, of values in [0, 1]; at most 120."""
     total = float(valid.sum())
     square = float((valid * (display_predicted.astype(float) - display_truth) ** 2).sum()) / max(total, 1)
-    return float(-10 * np.log10(max(square, 1e-12)))
+    return float(decibels(square))
+
+
+def decibels(mean_square: ArrayLike) -> NDArray[np.float64]:
+    """Peak signal-to-noise ratios, in dB, of mean squared errors of values in [0, 1]; at most 120."""
+    return np.asarray(-10 * np.log10(np.maximum(mean_square, FAINTEST)))
 
 
 def to_display(light: Images, encoding: Encoding | None, peak: float) -> Images:

@@ -8,18 +8,19 @@ from kinran import encoding, photographs
 from kinran.files import InputError
 from kinran.geometry import Distances, check_lengths
 from kinran.holdout import held_out
-from kinran.lights import Light, lp_file, read_lp
+from kinran.lights import LpLight, lp_file, read_lp
 from kinran.log import progress
 from kinran.radiance.nominal import nominal_seconds
 from kinran.radiance.raw import is_raw
 
 UNIT = 0.02
-"""Vectors whose lengths are further than this from 1 may be positions."""
+"""Distance of a vector's length from 1 above which it may be a position: a direction that is rounded to two decimals is
+off by 0.009 at most."""
 
 
 @dataclass(frozen=True)
 class Known:
-    """What a user says of a set of photographs."""
+    """Encoding, crop and distances that a user gives of a set of photographs."""
 
     encoding: Annotated[str, "srgb (default), linear or gamma:EXPONENT"] = "srgb"
     crop: Annotated[str, "--crop X,Y,W,H", "part to use, from the top left"] = ""
@@ -42,15 +43,13 @@ class Known:
         Raises
         ------
         InputError
-            One is no length, or the field's width is missing, without which the others say nothing.
+            One is no length, or the field's width is missing, without which the others have no scale.
         """
         given = Distances(self.lamp_mm, self.field_mm, self.camera_mm)
         check_lengths(given)
         if given.field_mm is None and (given.lamp_mm or given.camera_mm):
             name = "lamp" if given.lamp_mm else "camera"
-            raise InputError(
-                f"--{name}-mm: says something only beside the width of a photograph; give --field-mm as well"
-            )
+            raise InputError(f"--{name}-mm: needs the width of a photograph; give --field-mm as well")
         return given
 
 
@@ -61,14 +60,14 @@ class PhotographSet:
     Attributes
     ----------
     lights
-        Of the `.lp`: as they are seen from the middle of a whole photograph.
+        Lights of the `.lp`, as they are seen from the middle of a whole photograph.
     size
         Width and height of a whole photograph.
     exposures_s
         Nominal exposure times of its brackets, longest first; 1 for single photographs.
     """
 
-    lights: list[Light]
+    lights: list[LpLight]
     size: tuple[int, int] = (1, 1)
     exposures_s: tuple[float, ...] = (1.0,)
 
@@ -79,7 +78,7 @@ def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
     Parameters
     ----------
     folder
-        Of the photographs and their `.lp` file.
+        Folder of the photographs and their `.lp` file.
     known
         What the user says of them.
     holdout
@@ -110,8 +109,8 @@ def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
     return PhotographSet(lights, sizes[first], seconds)
 
 
-def remark_on_lengths(lights: list[Light], lamp_mm: float | None) -> str:
-    """What is to be said where the vectors look like positions but are taken for directions; else empty."""
+def remark_on_lengths(lights: list[LpLight], lamp_mm: float | None) -> str:
+    """Warning where the vectors look like positions but are taken for directions; else empty."""
     lengths = [light.length for light in lights]
     if lamp_mm or max(abs(length - 1) for length in lengths) < UNIT:
         return ""

@@ -13,14 +13,14 @@ from PIL import Image as Pillow
 from kinran.encoding import Encoding
 from kinran.exr import read_exr
 from kinran.files import InputError
-from kinran.lights import Light
+from kinran.lights import LpLight
 from kinran.radiance.raw import RAW, is_raw, raw_size
 from kinran.radiance.value import SATURATED, Radiance
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr")
 """Suffixes of photographs."""
 CLIPPED = 254 / 255
-"""A value from here on is saturated: a JPEG's white is not always its last code."""
+"""Value from which on a sample is saturated: the last code but one, since a JPEG's white is not always its last."""
 
 Pillow.MAX_IMAGE_PIXELS = None  # sizes are checked against the header before memory is taken
 
@@ -57,7 +57,7 @@ def parse_crop(text: str) -> Crop | None:
     return Crop(x, y, width, height)
 
 
-def find(folder: Path, lights: list[Light]) -> dict[str, Path]:
+def find(folder: Path, lights: list[LpLight]) -> dict[str, Path]:
     """Image of each light, by the light's name; suffix and capitals in the `.lp` need not be those of the file.
 
     It lies in the folder, or in the one beside the `.lp` that this names.
@@ -95,7 +95,7 @@ def _images(folder: Path) -> dict[str, list[Path]]:
     return by_stem
 
 
-def find_frames(folder: Path, lights: list[Light]) -> dict[str, list[Path]]:
+def find_frames(folder: Path, lights: list[LpLight]) -> dict[str, list[Path]]:
     """Frames of each light, by the light's name: its one image, or its bracket.
 
     A bracket is all the images in a folder of the light's name, or those named after it: ``NAME_25ms.tif``,
@@ -104,7 +104,7 @@ def find_frames(folder: Path, lights: list[Light]) -> dict[str, list[Path]]:
     Raises
     ------
     InputError
-        As `find`, or a light has both.
+        The folder or an image is missing, or a light has images of several kinds, or an image and a bracket.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; give the folder of the photographs")

@@ -16,6 +16,7 @@ LABEL_COLOURS = np.array(
     [[214, 162, 52], [178, 34, 34], [46, 94, 170], [230, 226, 215], [58, 125, 68], [122, 74, 140]], np.uint8
 )
 HEAT = np.array([[0, 0, 0], [60, 15, 110], [180, 40, 90], [250, 130, 20], [255, 240, 150]], float)
+"""Colours of `heat` at 0, ¼, ½, ¾ and 1, of growing lightness, so that they read in grey as well."""
 
 
 def photograph(light: ArrayLike, exposure: float = 1.0) -> Picture:

@@ -7,10 +7,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from kinran.files import InputError, check_name, read_json, write_json
+import msgspec
+
+from kinran.files import InputError, check_name, fitted, read_json, write_json
 from kinran.shards import SHARD
 
 VERSION = 1
+"""Version of a plan's file; another one is refused."""
 LIST_GROUP = 64
 """Lights in a group of a list of photographs: eight whole shards."""
 
@@ -29,7 +32,7 @@ class PlanLight:
     name
         Name of its shot.
     theta, phi
-        In degrees, as the rig is told; φ in [0, 360).
+        Polar angle and azimuth in degrees, as the rig is told; φ in [0, 360).
     direction
         Unit vector at the field's centre, away from the surface.
     grid
@@ -81,7 +84,7 @@ class Group:
     lights
         Indices of the lights whose shards of the stack this group writes.
     shots
-        In the order in which they are taken.
+        Its shots, in the order in which they are taken.
     """
 
     name: str
@@ -132,6 +135,14 @@ class Plan:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
+@dataclass(frozen=True)
+class _Stamp:
+    """Version and digest in the file of a plan."""
+
+    version: int
+    sha256: str
+
+
 def write_plan(path: Path, plan: Plan) -> None:
     """Write a plan with its digest, atomically."""
     write_json(path, {**_as_json(plan), "sha256": plan.sha256})
@@ -146,29 +157,13 @@ def read_plan(path: Path) -> Plan:
         The file is missing, was edited, or does not hold together.
     """
     value = read_json(path)
-    try:
-        if value["version"] != VERSION:
-            raise InputError(f"{path}: plan version {value['version']} is not {VERSION}; plan again")
-        plan = Plan(
-            fabric=check_name(value["fabric"], "fabric"),
-            kind=value["kind"],
-            exposures_s=tuple(value["exposures_s"]),
-            lights=tuple(_light(light) for light in value["lights"]),
-            groups=tuple(_group(group) for group in value["groups"]),
-            duration_s=value.get("duration_s"),
-            light_dose_s=value.get("light_dose_s"),
-            lamp_mm=value.get("lamp_mm"),
-            field_mm=value.get("field_mm"),
-            camera_mm=value.get("camera_mm"),
-            encoding=value.get("encoding"),
-            crop=value.get("crop", ""),
-            axis_mm=(value["axis_mm"][0], value["axis_mm"][1]) if value.get("axis_mm") else None,
-        )
-        digest = value["sha256"]
-    except (KeyError, TypeError) as error:
-        raise InputError(f"{path}: is not a plan ({error!r}); make it again") from None
-    if digest != plan.sha256:
+    stamp = fitted(path, value, _Stamp, "a plan")
+    if stamp.version != VERSION:
+        raise InputError(f"{path}: plan version {stamp.version} is not {VERSION}; plan again")
+    plan = fitted(path, value, Plan, "a plan")
+    if stamp.sha256 != plan.sha256:
         raise InputError(f"{path}: its content does not match its sha256; do not edit a plan, make it again")
+    check_name(plan.fabric, "fabric")
     check_plan(path, plan)
     return plan
 
@@ -205,34 +200,12 @@ def check_plan(path: Path, plan: Plan) -> None:
 
 
 def _as_json(plan: Plan) -> dict[str, Any]:
-    value: dict[str, Any] = json.loads(json.dumps({"version": VERSION, **asdict(plan)}))
+    plan = msgspec.convert(asdict(plan), Plan)  # 600 is 600.0, as it will be when the plan is read
+    value = {"version": VERSION, **asdict(plan)}
     for key in ("camera_mm", "axis_mm"):
         if value[key] is None:  # plans of before keep their digests
             del value[key]
     return value
-
-
-def _light(value: dict[str, Any]) -> PlanLight:
-    grid, position = value.get("grid"), value.get("position_mm")
-    return PlanLight(
-        value["index"],
-        value["name"],
-        value["theta"],
-        value["phi"],
-        _vector(value["direction"]),
-        (grid[0], grid[1]) if grid else None,
-        _vector(position) if position else None,
-    )
-
-
-def _group(value: dict[str, Any]) -> Group:
-    shots = (Shot(s["shot"], s["kind"], s["light"], s["theta"], s["phi"]) for s in value["shots"])
-    return Group(value["name"], tuple(value["lights"]), tuple(shots))
-
-
-def _vector(value: list[float]) -> Vector:
-    x, y, z = value
-    return x, y, z
 
 
 def list_group_names(count: int) -> list[str]:

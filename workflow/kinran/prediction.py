@@ -1,32 +1,32 @@
-"""What a material says that a stack holds."""
+"""Radiance that a material predicts for a stack."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinran import geometry, near
 from kinran.stack import Box, Stack
-from kinran_bsdf import models
 from kinran_bsdf.material import Material
+from kinran_bsdf.relight import relight, relight_texels
 from kinran_bsdf.residual import relit
 
 
 def predict(material: Material, stack: Stack, box: Box, lights: NDArray[np.intp]) -> NDArray[np.float32]:
-    """What a material says of a tile of the stack under these of its lights.
+    """Radiance that a material predicts for a tile of the stack under these of its lights.
 
     Returns
     -------
     (light, y, x, 3) float32
-        In the stack's unit; each texel under its own lights where distances matter.
+        Radiance in the stack's unit; where distances matter, each texel is seen under its own lights.
     """
     y0, y1, x0, x1 = box
     part = material.part(slice(y0, y1), slice(x0, x1))
     if not near.matters(stack):
-        return models.relight(part, stack.directions[lights])
+        return relight(part, stack.directions[lights])
     assert stack.texel_mm
     points = geometry.texel_points(stack.height, stack.width, stack.texel_mm)[y0:y1, x0:x1]
     positions = [np.array(stack.lights[i].position_mm, float) for i in lights]
     view = geometry.directions_to(stack.camera_mm or near.AFAR, points)
-    images = models.relight_texels(part, [geometry.directions_to(p, points) for p in positions], view)
+    images = relight_texels(part, [geometry.directions_to(p, points) for p in positions], view)
     images *= geometry.falloff(positions, points)[..., None].astype(np.float32)
     if part.residual is not None:
         maps = part.residual_maps()

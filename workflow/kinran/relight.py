@@ -10,13 +10,14 @@ from kinran import metrics, photographs
 from kinran.encoding import Encoding, parse
 from kinran.exr import write_rgb
 from kinran.files import InputError
-from kinran.lights import Light, directions, read_lp
+from kinran.lights import LpLight, directions, read_lp
 from kinran.log import progress
 from kinran.radiance.value import Image
 from kinran_bsdf.material import Material, read_material
-from kinran_bsdf.models import relight
+from kinran_bsdf.relight import relight
 
 BATCH = 16
+"""Lights that are relit at once, so that memory stays at as many pictures."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ def main(inputs: Inputs, out: Annotated[Path, "--out DIR", "folder for one EXR a
         print(f"{len(lights)} pictures in {out}")
 
 
-def _compare(material: Material, light: Light, image: Image, path: Path) -> float:
+def _compare(material: Material, light: LpLight, image: Image, path: Path) -> float:
     """PSNR of a relit picture, in the encoding of the photographs that the material was made from."""
     encoding: Encoding = parse(material.encoding or "linear")
     truth = photographs.read(path, encoding, photographs.parse_crop(material.crop)).value

@@ -4,8 +4,6 @@ Needs no Python from its user: `kinran render scene.xml` registers the BSDF, as 
 """
 
 import logging
-import subprocess
-import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,21 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from kinran.encoding import to_srgb
 from kinran.exr import write_rgb
 from kinran.files import InputError, atomic, write_json
 from kinran.log import progress
+from kinran.probes import variant_fault
 
 log = logging.getLogger(__name__)
 
 Picture = NDArray[np.float32]
 
-PASS = 8  # samples a pixel that are rendered at once
-SHOULDER = 0.7  # linear value above which highlights roll off
+PASS = 8
+"""Samples a pixel that are rendered at once, between two lines of progress."""
+SHOULDER = 0.7
+"""Linear value above which highlights roll off: nearly all of what is diffuse lies under it, and sRGB shows it at 0.85.
+It was chosen by eye."""
 SWEEP_SIZE, SWEEP_SPP, SWEEP_ANGLE = (240, 180), 24, 50.0
-PROBE = (
-    "import mitsuba as mi; mi.set_variant('llvm_ad_rgb'); import drjit as dr; "
-    "print(dr.maximum(mi.Float(1, 2), mi.Float(2, 1)))"
-)
+"""Pixels of a frame of the sweep, samples a pixel, and degrees from the normal at which the light starts and ends."""
 
 
 @dataclass(frozen=True)
@@ -59,14 +59,10 @@ def main(
 
 
 def choose_variant() -> str:
-    """`llvm_ad_rgb`, or `scalar_rgb` with a warning where LLVM does not work.
-
-    LLVM 15 and 16 abort the process at the first maximum, which nothing can catch: so another one tries it.
-    """
-    probe = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, text=True)
-    if probe.returncode == 0:
+    """`llvm_ad_rgb`, or `scalar_rgb` with a warning where LLVM does not work."""
+    reason = variant_fault("llvm_ad_rgb")
+    if not reason:
         return "llvm_ad_rgb"
-    reason = (probe.stderr.strip().splitlines() or [f"exit status {probe.returncode}"])[-1]
     log.warning(
         "warning: LLVM cannot be used (%s); rendering with scalar_rgb, about 100 times slower; "
         "install libllvm19 and run kinran doctor",
@@ -155,13 +151,12 @@ def develop(picture: Picture, exposure: float = 1.0) -> NDArray[np.uint8]:
     (y, x, 3) uint8
         Above the shoulder s = 0.7 a channel x becomes s + (1 - s)(1 - exp(-(x - s) / (1 - s))): it keeps its
         slope at s and nears 1 without reaching it, as film does, so that glints keep some of their shape and
-        colour. Then the sRGB curve (IEC 61966-2-1).
+        colour. Then the sRGB curve.
     """
     x = np.maximum(np.asarray(picture, np.float64) * exposure, 0)
     room = 1 - SHOULDER
     x = np.where(x > SHOULDER, SHOULDER + room * -np.expm1(-np.maximum(x - SHOULDER, 0) / room), x)
-    encoded = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
-    return np.asarray(np.rint(encoded * 255), np.uint8)
+    return np.asarray(np.rint(to_srgb(x) * 255), np.uint8)
 
 
 def _write_png(path: Path, image: Image.Image) -> None:

@@ -18,12 +18,19 @@ from kinran.files import atomic
 Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
-WIDTH, LENGTH = 60.0, 90.0  # mm along weft and warp
-PITCH = 0.5  # mm between samples
-NOISE = 0.03  # mm, standard deviation along the line of sight
-SLANT = np.radians(9.0)  # between the folds and the warp
-BUMP_HEIGHT, BUMP_SIGMA = 1.2, 9.0  # mm
-SENSOR = np.array([0.0, 0.0, 1.0])  # towards the scanner, in the scan's coordinates
+WIDTH, LENGTH = 60.0, 90.0
+"""Size of the panel in mm along weft and warp."""
+PITCH = 0.5
+"""Distance of neighbouring samples in mm; finer ones would only make the demo slower."""
+NOISE = 0.03
+"""Standard deviation in mm along the line of sight, meant to be that of a laser range scanner; no measurement stands
+behind it."""
+SLANT = np.radians(9.0)
+"""Angle between folds and warp, so that folds do not tell where the weft is."""
+BUMP_HEIGHT, BUMP_SIGMA = 1.2, 9.0
+"""Height and standard deviation in mm of the bump that no flat sheet can follow."""
+SENSOR = np.array([0.0, 0.0, 1.0])
+"""Direction towards the scanner, in the scan's coordinates."""
 
 
 @dataclass(frozen=True)
@@ -84,11 +91,11 @@ def scan(seed: int = 0) -> tuple[Array, Faces, Truth]:
     Returns
     -------
     vertices : (n, 3) float
-        In mm. Most faces look towards the scanner, which stands on the +z side, and the cloth's upper edge is
-        on the +y side.
+        Positions in mm. Most faces look towards the scanner, which stands on the +z side, and the cloth's upper
+        edge is on the +y side.
     faces : (m, 3) int
     truth : Truth
-        For tests; not in the file.
+        What the scan was made from, for tests; it is not in the file.
     """
     rng = np.random.default_rng(seed)
     roll, *tilts = rng.uniform([-60, -20, -20], [60, 20, 20])

@@ -21,11 +21,13 @@ from kinran.files import InputError, atomic
 from kinran.placement import placement, uv_size
 from kinran_bsdf.colours import TO_REC709
 from kinran_bsdf.material import Material, read_material
+from kinran_bsdf.models import MODELS
 
 Map = NDArray[np.float32]
 
-UNFITTED = ("lambert", "texture")
-SMALLEST, LARGEST = 1e-4, 100.0  # mm, believable size of a texel
+UNFITTED = ("texture", *(name for name, model in MODELS.items() if not any(model.counts)))
+SMALLEST, LARGEST = 1e-4, 100.0
+"""Believable size of a texel in mm: one in metres or micrometres falls outside."""
 
 
 @dataclass(frozen=True)

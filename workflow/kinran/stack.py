@@ -8,17 +8,19 @@ stack.
 import math
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinran.files import InputError, atomic
+from kinran.lights import Light as Light
 from kinran.radiance.value import HOT, SATURATED, Flags, Radiance
 from kinran.shards import NAMES, SHARD, shard_path
 
@@ -28,31 +30,6 @@ CHUNK = 64
 """Side of a chunk in texels: what a fit reads at a time."""
 LARGEST = float(np.finfo(np.float16).max)
 """Largest value that a stack holds."""
-
-
-@dataclass(frozen=True)
-class Light:
-    """One light of a stack.
-
-    Attributes
-    ----------
-    name
-        Of its shot or photograph.
-    direction
-        Unit vector from the field's centre, away from the surface.
-    position_mm
-        Where the lamp stands, from the field's centre; None when unknown.
-    grid
-        (iθ, iφ) in the plan's grid; None in a list.
-    held_out
-        Whether it is kept from every fit, for evaluation.
-    """
-
-    name: str
-    direction: tuple[float, float, float]
-    position_mm: tuple[float, float, float] | None = None
-    grid: tuple[int, int] | None = None
-    held_out: bool = False
 
 
 @dataclass(frozen=True)
@@ -125,7 +102,7 @@ class Stack(Metadata):
         try:
             group = zarr.open_group(path, mode="r")
             values: dict[str, Any] = dict(group.attrs)
-            lights = tuple(_light(value) for value in values["lights"])
+            lights = msgspec.convert(values["lights"], tuple[Light, ...])
             arrays = group["radiance"], group["flags"]
             shape = (len(lights), values["height"], values["width"], 3)
             if any(getattr(array, "shape", None) != shape for array in arrays):
@@ -135,7 +112,7 @@ class Stack(Metadata):
                 **{name: values[name] for name in ("height", "width", "texel_mm", "encoding", "crop", "noise", "unit")},
                 colour=values["colour"]["name"],
                 to_acescg=np.array(values["colour"]["to_acescg"], float).reshape(3, 3),
-                camera_mm=_vector(values["camera_mm"]) if values.get("camera_mm") else None,
+                camera_mm=msgspec.convert(values.get("camera_mm"), tuple[float, float, float] | None),
                 path=path,
                 _arrays=arrays,
             )
@@ -339,19 +316,3 @@ def unit_of(encoding: str, noise: dict[str, Any]) -> str:
     if noise.get("white") == "longest exposure":
         return "1 is white at the longest exposure"
     return "pi T: a white diffuser that faces the lamp is 1"
-
-
-def _light(value: dict[str, Any]) -> Light:
-    position, grid = value["position_mm"], value["grid"]
-    return Light(
-        value["name"],
-        _vector(value["direction"]),
-        None if position is None else _vector(position),
-        None if grid is None else (int(grid[0]), int(grid[1])),
-        bool(value["held_out"]),
-    )
-
-
-def _vector(value: Sequence[float]) -> tuple[float, float, float]:
-    x, y, z = value
-    return float(x), float(y), float(z)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from kinran.code import PACKAGES, digest
 from kinran.config import lobes_of, read_fabrics, read_revisions
-from kinran.files import InputError
+from kinran.files import InputError, sha256
 from snakemake.exceptions import WorkflowError
 
 # jobs use the interpreter that runs Snakemake, with or without an activated environment
@@ -34,13 +34,22 @@ kinds = sorted(p.stem for p in PACKAGES["kinran"].glob("chart/methods/[a-z]*.py"
 wildcard_constraints:
     fabric="[a-z0-9][a-z0-9_-]*",
     group="[0-9]+|calibration",
-    model="slope|takeda2008|lambert",
+    model="|".join(models),
     job="[0-9]+",
 
 
 def any_of(names):
     """Pattern of these names, and of nothing where there are none."""
     return "|".join(names) or "(?!)"
+
+
+def templates(room):
+    """Digests of the templates of a room's pages, and of the page that they all extend."""
+    package = PACKAGES["kinran"]
+    return [
+        sha256(path)
+        for path in sorted([package / "page.html", *package.glob(f"{room}/*.html")])
+    ]
 
 
 def manifests(wildcards):
@@ -90,9 +99,9 @@ def methods(wildcards):
     )
 
 
-def fitted_stack(wildcards):
-    """Folder of the stack that is fitted; a job reads its shards, of which the rules name none."""
-    return f"{fitted.format(fabric=wildcards.fabric)}/radiance.zarr"
+def fitted_fabric(wildcards):
+    """Folder of the fabric that is fitted; a job reads the shards of its stack, of which the rules name none."""
+    return fitted.format(fabric=wildcards.fabric)
 
 
 def need_of(wildcards):

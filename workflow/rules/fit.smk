@@ -53,11 +53,11 @@ rule choice:
         "results/{fabric}/benchmarks/choice.tsv"
     threads: workflow.cores
     params:
-        stack=fitted_stack,
+        fabric=fitted_fabric,
         code=digest("kinran.fit.choice"),
     shell:
-        "python -m kinran choice {output.choice:q} --stack {params.stack:q} --labels {input.labels:q}"
-        " --regions {input.regions:q} --picture {output.picture:q} --threads {threads} 2>&1 | tee {log}"
+        "python -m kinran choice {output.choice:q} --fabric {params.fabric:q}"
+        " --picture {output.picture:q} --threads {threads} 2>&1 | tee {log}"
 
 
 rule prior:
@@ -74,12 +74,12 @@ rule prior:
         "results/{fabric}/benchmarks/prior.tsv"
     threads: workflow.cores
     params:
-        stack=fitted_stack,
+        fabric=fitted_fabric,
         lobes=lobes_option,
         code=digest("kinran.fit.prior"),
     shell:
-        "python -m kinran prior {output:q} --stack {params.stack:q} --labels {input.labels:q}"
-        " --regions {input.regions:q} {params.lobes} --threads {threads} 2>&1 | tee {log}"
+        "python -m kinran prior {output:q} --fabric {params.fabric:q}"
+        " {params.lobes} --threads {threads} 2>&1 | tee {log}"
 
 
 rule fit:
@@ -103,7 +103,7 @@ rule fit:
         mem_mb=1500,
         runtime=60,
     params:
-        stack=fitted_stack,
+        fabric=fitted_fabric,
         prior=lambda wildcards, input: (
             f"--prior {input.prior}" if input.get("prior") else ""
         ),
@@ -112,7 +112,7 @@ rule fit:
         jobs=config["fit"]["jobs"],
         code=digest("kinran.fit.tile"),
     shell:
-        "python -m kinran fit {output:q} --stack {params.stack:q} --labels {input.labels:q} --model {wildcards.model}"
+        "python -m kinran fit {output:q} --fabric {params.fabric:q} --model {wildcards.model}"
         " {params.prior} {params.fitted} {params.lobes} --tile {wildcards.job}/{params.jobs} --threads {threads}"
         " 2>&1 | tee {log}"
 
@@ -131,13 +131,13 @@ rule material:
     log:
         "logs/{fabric}/material/{model}.log",
     params:
-        stack=fitted_stack,
+        fabric=fitted_fabric,
         fitted=fitted_option,
         lobes=lobes_option,
         code=digest("kinran.fit.join"),
     shell:
-        "python -m kinran material {output.material:q} --stack {params.stack:q} --labels {input.labels:q}"
-        " --regions {input.regions:q} --model {wildcards.model} {params.lobes} {params.fitted} --runs {input.runs:q}"
+        "python -m kinran material {output.material:q} --fabric {params.fabric:q}"
+        " --model {wildcards.model} {params.lobes} {params.fitted} --runs {input.runs:q}"
         " --summary {output.summary:q} 2>&1 | tee {log}"
 
 
@@ -160,10 +160,10 @@ rule residual:
         mem_mb=2000,
         runtime=60,
     params:
-        stack=fitted_stack,
+        fabric=fitted_fabric,
         code=digest("kinran.fit.residual"),
     shell:
-        "python -m kinran residual {output.material:q} --stack {params.stack:q} --labels {input.labels:q}"
+        "python -m kinran residual {output.material:q} --fabric {params.fabric:q}"
         " --prior {input.prior:q} --material {input.material:q} --fitted {input.summary:q}"
         " --summary {output.summary:q} --threads {threads} 2>&1 | tee {log}"
 
@@ -188,11 +188,11 @@ rule sigma:
         mem_mb=1500,
         runtime=60,
     params:
-        stack=fitted_stack,
+        fabric=fitted_fabric,
         code=digest("kinran.fit.sigma"),
     shell:
-        "python -m kinran sigma {output.maps:q} --stack {params.stack:q} --labels {input.labels:q}"
-        " --regions {input.regions:q} --prior {input.prior:q} --material {input.material:q}"
+        "python -m kinran sigma {output.maps:q} --fabric {params.fabric:q}"
+        " --prior {input.prior:q} --material {input.material:q}"
         " --summary {output.summary:q} --picture {output.picture:q} --threads {threads} 2>&1 | tee {log}"
 
 
@@ -231,9 +231,9 @@ rule evaluate:
     benchmark:
         "results/{fabric}/benchmarks/evaluate.tsv"
     params:
-        stack=fitted_stack,
+        fabric=fitted_fabric,
         code=digest("kinran.evaluate"),
     shell:
-        "python -m kinran evaluate {output.errors:q} --fabric {wildcards.fabric} --stack {params.stack:q}"
-        " --labels {input.labels:q} --regions {input.regions:q} --materials {input.materials:q}"
+        "python -m kinran evaluate {output.errors:q} --name {wildcards.fabric} --fabric {params.fabric:q}"
+        " --materials {input.materials:q}"
         " --picture {output.picture:q} 2>&1 | tee {log}"

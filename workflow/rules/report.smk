@@ -30,9 +30,9 @@ rule report:
         choice=lambda wildcards, input: (
             f"--choice {input.choice}" if input.choice else ""
         ),
-        code=digest("kinran.report"),
+        code=[digest("kinran.report"), *templates("report")],
     shell:
-        "python -m kinran report --fabric {wildcards.fabric} --results {params.results:q}"
+        "python -m kinran report --fabric {params.results:q}"
         " --captures {params.captures:q} {params.choice} {output:q} 2>&1 | tee {log}"
 
 
@@ -45,6 +45,6 @@ rule overview:
     log:
         "logs/overview.log",
     params:
-        code=digest("kinran.report.overview"),
+        code=[digest("kinran.report.overview"), *templates("report")],
     shell:
         "python -m kinran overview {output:q} --errors {input.errors:q} 2>&1 | tee {log}"

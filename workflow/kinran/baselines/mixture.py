@@ -7,7 +7,9 @@ Array = NDArray[np.float64]
 Labels = NDArray[np.intp]
 
 ROUNDS = 40
+"""Rounds of expectation maximisation, meant to be more than it needs; no measurement stands behind the number."""
 RIDGE = 1e-4
+"""Added to the variances of features of unit spread, so that a component of few texels has an inverse."""
 
 
 def labels(features: Array, start: Labels, count: int) -> Labels:

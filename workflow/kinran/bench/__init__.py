@@ -8,7 +8,7 @@ NAMES = ("chart", "choice", "fit", "merge", "mixed", "real", "stability")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command; those of the benchmark follow its name."""
-    parser.add_argument("benchmark", choices=NAMES)
+    parser.add_argument("benchmark", choices=NAMES, help="what is measured")
     parser.add_argument("rest", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
     parser.epilog = "kinran bench NAME --help says what a benchmark takes."
 

@@ -21,7 +21,7 @@ from kinran.files import write_json
 from kinran.fit import bounded, learned, samples, slope, takeda
 from kinran.fit.predict import predict
 from kinran.virtual.weave import VirtualFabric
-from kinran_bsdf import models
+from kinran_bsdf.models import Takeda2008
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -30,11 +30,13 @@ CACHE = Path(".cache/kinran/virtual")
 FABRIC = VirtualFabric(field_mm=3.2, texels=64, samples=160)
 """0.05 mm a texel, as large as gold strips and silk yarns need to be seen apart."""
 STEP = 5000
-"""Of the grid in θ and φ, in millidegrees."""
+"""Step of the grid in θ and φ, in millidegrees: the paper's 5°."""
 NOISE = (0.007, 0.002)
-"""Relative, and of 1 = white: photons, lamp and read noise of five merged exposures."""
+"""Standard deviations of the noise, relative to a sample and to white: about those of five merged exposures."""
 PEER_TEXELS = 24
+"""Texels that `curve_fit` is tried on, evenly through the map: each takes tenths of a second."""
 REPEATS = 5
+"""Runs of which the quickest counts."""
 
 
 @dataclass(frozen=True)
@@ -187,6 +189,8 @@ VARIANTS = (
     ("two Gaussians, bent, 3 iterations", "gaussian", 2, True, 3),
     ("two Gaussians, bent, converged", "gaussian", 2, True, 25),
 )
+"""Fits that are timed: name, tail, number of lobes, whether the diffuse term has a normal of its own, most
+iterations."""
 
 
 def _timed(call: Callable[[], Any], texels: int, repeats: int = REPEATS) -> tuple[Any, float]:
@@ -251,8 +255,7 @@ def _four_steps(T: Single, lights: Array, scene: Truth) -> dict[str, Any]:
 
 def _eq3(shapes: Array, colours: Array, scene: Truth) -> Single:
     lights = scene.lights[scene.held]
-    half = models.half_angles((0.0, 0.0, 1.0), tuple(lights.T))
-    lobe = models.takeda_lobe(*half, *(shapes[:, k, None] for k in range(4)))
+    lobe = Takeda2008().value((0.0, 0.0, 1.0), tuple(lights.T), [shapes[:, k, None] for k in range(4)])
     C = colours[..., None]
     return np.asarray(C[:, 0] * lobe[:, None] + C[:, 1] * lights[:, 2], np.float32)
 

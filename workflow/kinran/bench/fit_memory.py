@@ -14,7 +14,7 @@ from kinran.radiance.value import Radiance
 from kinran.stack import CHUNK, Light, Metadata, ShardWriter, write_metadata
 
 HEIGHT, WIDTH = 2592, 3888
-"""10.08 megapixels."""
+"""Texels of the paper's camera: 10.08 megapixels."""
 JOB = "0/100"
 """Which run of tiles is fitted."""
 RUN = """

@@ -38,8 +38,11 @@ from kinran.stack import Light, Metadata, ShardWriter, Stack, write_metadata, wr
 from kinran.virtual.dng import write_dng
 
 REPEATS = 5
+"""Runs of which the quickest counts."""
 HOT_SITES = 5e-4
+"""Share of the sites that are hot, as in the virtual camera."""
 RATES = (25, 100, 250, 1000, 4000)
+"""Shutter speeds of the paper's bracket, 1/s."""
 TILE_LIGHTS, TILE_READ = 16, 200
 """Lights that are written, and the number to which the time is scaled."""
 

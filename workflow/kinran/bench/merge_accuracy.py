@@ -19,11 +19,13 @@ Array = NDArray[np.float64]
 SECONDS = 2.0 ** (-np.array([14, 20, 24, 30, 36]) / 3)
 """1/25 to 1/4000 s, as third stops."""
 BLACK, CLIP, GAIN, READ = 256, 3726, 1 / 12.1, 20.0
-"""Counts, counts, counts per electron, electrons."""
+"""The synthetic camera: count of darkness, count of saturation, counts per electron, read noise in electrons."""
 RESPONSE = Response(CLIP - BLACK, GAIN, float(np.hypot(READ * GAIN, 12**-0.5)))
+"""Its response, as the estimators are told it: read noise and rounding together."""
 DECADES = (3, 4, 5, 6, 7)
+"""Logarithms of the electrons a second at which decades begin."""
 BRIGHTEST = 8.05
-"""Logarithm of the electrons a second that saturate the shortest exposure, less a little."""
+"""Logarithm of the electrons a second of the brightest level, a little under what saturates the shortest exposure."""
 
 
 def expose(rates: Array, rng: np.random.Generator) -> NDArray[np.uint16]:
@@ -114,7 +116,7 @@ def _kinran(counts: NDArray[np.uint16]) -> tuple[Array, Array]:
 
 
 def _poisson_sum(counts: NDArray[np.uint16]) -> tuple[Array, None]:
-    """Hanji's estimator, which HDRutils has: all counts over all times, of what is not saturated."""
+    """Estimator of HDRutils [Hanji2020]: the sum of the counts over the sum of the times of what is not saturated."""
     open_ = counts < 0.98 * CLIP
     open_[-1] = True
     y = counts - float(BLACK)
@@ -168,7 +170,7 @@ def _colour_hdri(counts: NDArray[np.uint16]) -> tuple[Array, None]:
 
 
 def _scaled(value: Array, counts: NDArray[np.uint16]) -> Array:
-    """To electrons a second, by the median of what is well exposed."""
+    """Values in electrons a second: their scale is that of the median of the well exposed sites."""
     ours, _ = _kinran(counts)
     middle = (ours > 1e5) & (ours < 3e6)
     return value * float(np.median(ours[middle] / value[middle]))

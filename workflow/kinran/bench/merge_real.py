@@ -28,8 +28,9 @@ LABELS = "colorChecker_labels/d2_colorChecker30cm_550nm_labels.png"
 SPECTRA = "spectral_data/spectra_averaged.csv"
 FIRST_PATCH = "dark skin"
 SITES = {"R": ((1, 0),), "G": ((0, 0), (1, 1)), "B": ((0, 1),)}
-"""Of the CFA, gbrg."""
+"""Rows and columns of the colours in the Bayer pattern, which is GBRG."""
 LEAST_PIXELS = 100
+"""Fewest sites that a patch is read from."""
 ROWS = np.repeat(np.arange(4), 6)
 COLUMNS = np.tile(np.arange(6), 4)
 

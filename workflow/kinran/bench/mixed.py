@@ -26,9 +26,9 @@ Array = NDArray[np.float64]
 FACTORS = (1, 2)
 """Texels along the side of one: coarser ones are mixed more often."""
 COUNTS = (100, 50, 30)
-"""Lights that lie apart, beside all of them."""
+"""Numbers of lights, far apart, beside all of the fabric's."""
 PURITY = (0.0, 0.7, 0.9, 1.01)
-"""Bounds of classes of texels, by the share of what fills most of them."""
+"""Bounds of classes of texels, by the share of the thread that fills most of a texel."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -72,7 +72,7 @@ def measure(trial: Trial, purity: Array) -> list[dict[str, float]]:
 
 
 def shares(fabric: VirtualFabric) -> Array:
-    """Share (y, x, kind) of what fills most of each texel; the rest, whose kind is not known, is left out."""
+    """Share (y, x, kind) of the thread that fills most of each texel; the kinds of the rest are unknown, and 0."""
     label, purity = fabric.labels()
     return np.eye(len(fabric.names))[label] * purity[..., None]
 

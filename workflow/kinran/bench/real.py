@@ -26,7 +26,7 @@ from kinran.fit import normals
 from kinran.labels import read_labels
 from kinran.stack import Stack
 from kinran_bsdf.material import read_material
-from kinran_bsdf.models import relight
+from kinran_bsdf.relight import relight
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.float32]

@@ -14,7 +14,7 @@ from kinran.files import InputError
 from kinran.fit import learned, residual, slope, takeda
 from kinran.fit.plates import plates
 from kinran.fit.predict import predict
-from kinran_bsdf import models
+from kinran_bsdf.models import Takeda2008
 from kinran_bsdf.residual import Residual, compress, expand
 
 Array = NDArray[np.float64]
@@ -29,10 +29,13 @@ MATERIALS = {
     "rgl-isotropic_nbrdf.zip": ("satin_gold_rgb", "vch_silk_blue_rgb", "vch_golden_yellow_rgb"),
 }
 TEXELS, FACETS = 48, 24
+"""Texels of a material, and facets of each."""
 TILT = np.radians(18.0)
+"""Largest tilt of a texel, in radians."""
 SPREAD = (0.12, 0.03)
-"""Standard deviations of the slopes of a texel's facets along x and y."""
+"""Standard deviations of the slopes of a texel's facets along x and y: those of a thread that is ridged along it."""
 NOISE = 0.01
+"""Standard deviation of the noise, relative to a sample."""
 UNRESOLVED = 0.25
 """Error of interpolation between neighbouring lights from which on the grid does not resolve a material."""
 
@@ -129,8 +132,7 @@ def _material(net: Net, rng: np.random.Generator) -> dict[str, float]:
     T, W = np.ascontiguousarray(seen[..., ~held]), np.ones((TEXELS, int((~held).sum())), np.float32)
     known, asked = lights[~held], lights[held]
     steps = takeda.four_steps(T, known, np.radians(2.5), np.radians(2.6))
-    half = models.half_angles((0.0, 0.0, 1.0), tuple(asked.T))
-    lobe = models.takeda_lobe(*half, *(steps.shapes[:, k, None] for k in range(4)))
+    lobe = Takeda2008().value((0.0, 0.0, 1.0), tuple(asked.T), [steps.shapes[:, k, None] for k in range(4)])
     C = steps.colours[..., None]
     region = np.zeros(TEXELS, np.intp)
 
@@ -159,9 +161,9 @@ def _with_residual(T: Single, W: Single, lights: Array, lobes: Single, known: ND
     Parameters
     ----------
     T, W, lights
-        Of the known lights.
+        Samples, weights and directions of the known lights.
     lobes : (texel, 3, light) float32
-        Of all lights.
+        Prediction of the lobes under all lights.
     known : (light,) bool
     """
     domain, region = f"log:{np.percentile(T, 99.9):.6g}", np.zeros(len(T), np.intp)

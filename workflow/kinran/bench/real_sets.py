@@ -16,6 +16,7 @@ Images = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 SIDE = 128
+"""Texels along a side of the part of a set that is fitted, so that all thirteen sets take minutes."""
 EVERY, FIRST = 8, 4
 """Light number 4, 12, 20, … is held out where a set has no split of its own."""
 ACESCG = np.eye(3)
@@ -35,7 +36,7 @@ class RealSet:
     held : (n,) bool
         Lights that nothing but the judge sees.
     encoding
-        Of the photographs.
+        Encoding of the photographs.
     normals : (y, x, 3) or None
         True ones; 0 where there is no surface.
     """
@@ -84,7 +85,7 @@ def _photographs(folder: Path) -> tuple[Images, Mask, Array]:
 
 
 def ball(folder: Path) -> RealSet:
-    """DiLiGenT's ball: 16 bits, linear, over the strength of each lamp; what is no ball is black."""
+    """Ball of DiLiGenT [Shi2019]: 16 bits, linear, over the strength of each lamp; what is no ball is black."""
     names = (folder / "filenames.txt").read_text(encoding="utf-8").split()
     strength = np.loadtxt(folder / "light_intensities.txt")
     read = [photographs.read(folder / name, encoding.parse("linear"), None) for name in names]

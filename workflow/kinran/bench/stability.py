@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from kinran import frames
 from kinran.bench.texels import (
     Array,
     Method,
-    Samples,
+    Single,
     Split,
     facets,
     four_steps,
@@ -21,18 +22,21 @@ from kinran.bench.texels import (
     lobes,
     microfacets,
     noisy,
-    ones,
+    sampled,
     spread,
     texels,
 )
 from kinran.files import write_json
 from kinran.fit import bounded, learned, reweighted, slope, strength, takeda, trust
-from kinran.fit.predict import predict
-from kinran_bsdf import models
+from kinran.fit.samples import Samples
+from kinran.fit.slope import Lobes
+from kinran.near import Under
+from kinran_bsdf.models import Takeda2008
 
 Row = dict[str, Any]
 
 TEXELS = 60
+"""Texels of a case, so that all cases take ten seconds; medians over them are what is compared."""
 FOUR, JOINT, PRINTED = "four steps", "Eq. 3, joint", "Eq. 3 as printed, joint"
 GGX, PAIR, TRUSTED, HELD = "GGX lobe", "two Gaussian lobes", "GGX lobe, what fits in", "GGX lobe, prior of the region"
 WEIGHED = "GGX lobe, as much of the prior as lights left out bear"
@@ -40,6 +44,8 @@ FACE, LEFT_OUT_HELD = "at face value", "left out, prior of the region"
 BOUNDED = "bounds, prior of the region"
 NEEDLES, RESOLVED = f"{PAIR}, widths from 0.02", f"{PAIR}, widths that the lights resolve"
 DRIFT, MONITORS = "GGX lobe, drift left in", "GGX lobe, monitors"
+HALF = slice(None, None, 2)
+"""Texels that priors are learned from."""
 SHOTS = (4000, 1000, 250, 100, 25)
 """Shutter speeds of the paper's bracket, the shortest exposure first."""
 
@@ -56,7 +62,7 @@ def azimuth_wrap(split: Split) -> Iterator[Row]:
     theta, phi = frames.angles(frames.half_vector(split.lights))
     methods = {PRINTED: joint(False), JOINT: joint(), "Gaussian lobe": lobes("gaussian")}
     for degrees in (180, 30, 15, 5, 355):
-        G = models.takeda_lobe(theta, phi, np.radians(20), np.radians(degrees), 0.15, 0.5)
+        G = Takeda2008.of_angles(theta, phi, np.radians(20), np.radians(degrees), 0.15, 0.5)
         clean = np.repeat((2 * G + 0.1 * split.lights[:, 2])[None, None], 3, 1).repeat(4, 0).astype(np.float32)
         yield from _rows("azimuth wraps", f"φ_n {degrees}°", split, clean, methods)
 
@@ -155,8 +161,9 @@ def diffuse_colour(split: Split) -> Iterator[Row]:
         colours[:, 1] = level
         clean = microfacets(shapes, colours, split.lights)
         T = noisy(clean if shade is None else clean * shade, floor=0.0003)
-        steps = takeda.four_steps(T, split.lights, np.radians(2.5), np.radians(7.6)).colours[:, 1]
-        found = {FOUR: steps, GGX: slope.fit(T, ones(T), split.lights).colours[:, 1]}
+        samples = sampled(T, split.lights)
+        steps = takeda.four_steps(samples, np.radians(2.5), np.radians(7.6)).colours[:, 1]
+        found = {FOUR: steps, GGX: slope.fit(samples, Lobes()).colours[:, 1]}
         for name, C_d in found.items():
             setting = f"C_d {level}" + (", that side in shadow" if shade is not None else "")
             yield _row("diffuse colour C_d", setting, name, np.abs(C_d / level - 1).mean(1))
@@ -292,7 +299,7 @@ def main(args: argparse.Namespace) -> None:
 
 
 def worst(rows: list[Row], fails: str, holds: str) -> Row:
-    """Of a case, the parameter at which one method's error is most above the other's, with both errors."""
+    """The parameter of a case at which one method's error is most above the other's, with both errors."""
     errors = {(row["parameter"], row["method"]): row["error"] for row in rows}
     ratio = {
         parameter: np.inf if error is None else error / max(errors[parameter, holds], 1e-3)
@@ -305,7 +312,7 @@ def worst(rows: list[Row], fails: str, holds: str) -> Row:
 
 
 def _rows(
-    case: str, parameter: str, split: Split, clean: Samples, methods: dict[str, Method], seen: Samples | None = None
+    case: str, parameter: str, split: Split, clean: Single, methods: dict[str, Method], seen: Single | None = None
 ) -> Iterator[Row]:
     """A row a method; samples with 1 % and 0.003 noise where none are given."""
     given = noisy(clean) if seen is None else seen
@@ -341,29 +348,27 @@ def _thinned(split: Split, count: int) -> tuple[Split, NDArray[np.intp]]:
 
 def _held_by_region(tail: str = "ggx", count: int = 1, full: NDArray[np.bool_] | None = None) -> Method:
     """As the pipeline fits: under priors learned from half of the texels, and with saturated samples as bounds."""
+    lobes_ = Lobes(tail, count)
 
-    def method(T: Samples, W: Samples, lights: Array, at: Array) -> Samples:
-        region = np.zeros(len(T), np.intp)
-        kind = tail, count, learned.learn_priors(T[::2], W[::2], lights, region[::2], 1, tail, count), region
-        fitted = slope.fit(T, W, lights, *kind)
+    def method(samples: Samples, at: Under) -> Single:
         if full is not None:
-            fitted = bounded.refit(fitted, T, W, full.astype(np.float32), lights, *kind, 1, frames.slopes(lights))
-        return predict(fitted, at, tail)
+            samples = replace(samples, bounds=full.astype(np.float32))
+        priors = learned.learn_priors(samples.of(HALF), 1, lobes_)
+        return bounded.refit(slope.fit(samples, lobes_, priors), samples, priors).predict(at)
 
     return method
 
 
-def _held_as_far(T: Samples, W: Samples, lights: Array, at: Array) -> Samples:
-    """By as much of the region's prior as lights left out bear, as the stage `prior` does."""
-    region = np.zeros(len(T), np.intp)
-    priors = learned.learn_priors(T[::2], W[::2], lights, region[::2], 1)
-    priors = strength.weigh(priors, T[::2], W[::2], lights, region[::2])
-    return predict(slope.fit(T, W, lights, priors=priors, region=region), at)
+def _held_as_far(samples: Samples, at: Under) -> Single:
+    """One GGX lobe, its region's prior weighed by cross-validation over lights, as the stage `prior` weighs it."""
+    half, lobes_ = samples.of(HALF), Lobes()
+    priors = strength.weigh(learned.learn_priors(half, 1, lobes_), half, lobes_)
+    return slope.fit(samples, lobes_, priors).predict(at)
 
 
-def _trusted(T: Samples, W: Samples, lights: Array, at: Array) -> Samples:
-    """By the samples that the stages `prior` and `fit` trust, with the loss that they take."""
-    found = trust.learn(T, W, lights, "ggx", 1, 1)
-    W = W * found.lights
-    fitted = reweighted.robust(T, W, lights)[0] if found.outliers else slope.fit(T, W, lights)
-    return predict(fitted, at)
+def _trusted(samples: Samples, at: Under) -> Single:
+    """One GGX lobe by robust weights of lights, and with Huber's loss where the stage `prior` would take it."""
+    factors, outliers = trust.learn(samples, Lobes(), 1)
+    samples = samples.weighed(factors)
+    fitted = reweighted.robust(samples, Lobes())[0] if outliers else slope.fit(samples, Lobes())
+    return fitted.predict(at)

@@ -1,14 +1,13 @@
 """The chart as a drawing: error against what it costs, then against what was captured."""
 
 import math
+import textwrap
 
-from kinran.canvas import FAINT, Canvas
-from kinran.chart import front
-from kinran.chart.curves import bars, curves
-from kinran.chart.panel import HEIGHT, WIDTH
+from kinran.chart import front, panels
 from kinran.chart.rows import Row
-from kinran.chart.scatter import scatter
+from kinran.drawing.canvas import FAINT, Canvas
 
+WIDTH, HEIGHT = panels.SIZE
 PLATES = (
     ("microseconds", ""),
     ("bytes", ""),
@@ -32,48 +31,31 @@ SWEEPS = (
 
 def draw(rows: list[Row], heading: bool = True) -> Canvas:
     """All panels of a fabric and, as a heading, what they say about the default."""
-    panels = _panels(rows)
-    words = [part for sentence in front.verdict(rows) for part in _wrap(sentence, 185)] if heading else []
+    drawn = _panels(rows)
+    words = [part for sentence in front.verdict(rows) for part in textwrap.wrap(sentence, 185)] if heading else []
     head = 58 + 18 * len(words) if heading else 0
-    canvas = Canvas(2 * WIDTH + 20, head + HEIGHT * math.ceil(len(panels) / 2) + 10)
+    canvas = Canvas(2 * WIDTH + 20, head + HEIGHT * math.ceil(len(drawn) / 2) + 10)
     if heading:
         canvas.text((20, 32), f"{rows[0].fabric}: accuracy against speed, on held-out lights", size=20)
     for k, part in enumerate(words):
         canvas.text((20, 56 + 18 * k), part, colour=FAINT, size=13)
-    for k, panel in enumerate(panels):
+    for k, panel in enumerate(drawn):
         canvas.paste(panel, 10 + WIDTH * (k % 2), head + HEIGHT * (k // 2))
     return canvas
 
 
 def _panels(rows: list[Row]) -> list[Canvas]:
-    whole = [row for row in rows if row.experiment == "all"]
-    floor = next((row for row in rows if row.experiment == "floor"), None)
     measure = front.judged(rows)
     other = "psnr_display" if measure == "relative_error" else "relative_error"
-    panels = []
-    for cost, name in PLATES:
-        y = {"": measure, "other": other}.get(name, name)
-        known = [row for row in whole if row[cost] >= 0 and row[y] > 0]
-        if known:
-            panels.append(scatter(known, cost, y, floor if cost == "microseconds" else None))
+    measures = {"": measure, "other": other}
+    drawn = [panels.against_cost(rows, cost, measures.get(name, name)) for cost, name in PLATES]
     swept = {row.method: row for row in rows if row.experiment == "directions"}
     names = sorted(swept, key=lambda name: (swept[name].family != "default", name))
-    for experiment, y, heading, across, kind in SWEEPS:
+    for experiment, name, heading, across, kind in SWEEPS:
         some = [row for row in rows if row.experiment == experiment and row.method in swept]
         if some:
-            panels.append(curves(some, y, (heading, across), kind, names))
+            drawn.append(panels.over_settings(some, name, heading, across, kind, names))
     regions = [row for row in rows if row.experiment == "segmentation"]
     if regions:
-        panels.append(bars(regions))
-    return panels
-
-
-def _wrap(text: str, width: int) -> list[str]:
-    lines, line = [], ""
-    for word in text.split():
-        if len(line) + len(word) + 1 > width:
-            lines.append(line)
-            line = word
-        else:
-            line = f"{line} {word}".strip()
-    return [*lines, line]
+        drawn.append(panels.wrong_labels(regions))
+    return [panel for panel in drawn if panel]

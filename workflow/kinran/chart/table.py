@@ -1,37 +1,48 @@
 """Join the tables of a fabric's methods, draw them, and say where the default stands."""
 
-import argparse
-import sys
+import logging
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
-from kinran import canvas
 from kinran.chart import figure, front, rows
 from kinran.chart.rows import Row
+from kinran.drawing import canvas
+
+log = logging.getLogger(__name__)
 
 FAMILIES = ("default", "kinran", "paper", "baseline")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the stage."""
-    parser.add_argument("--tables", type=Path, nargs="+", required=True, help="of the methods (.csv)")
-    parser.add_argument("--pictures", type=Path, nargs="+", default=[], help="the chart as .svg and .png")
-    parser.add_argument("out", type=Path, help="table (.csv)")
+@dataclass(frozen=True)
+class Inputs:
+    """What the stage reads."""
+
+    tables: Annotated[tuple[Path, ...], "tables of the methods (.csv)"]
 
 
-def main(args: argparse.Namespace) -> None:
+@dataclass(frozen=True)
+class Outputs:
+    """What the stage writes."""
+
+    out: Annotated[Path, "OUT", "table (.csv)"]
+    pictures: Annotated[tuple[Path, ...], "the chart as .svg and .png"] = ()
+
+
+def main(inputs: Inputs, out: Outputs) -> None:
     """Write the table and the pictures."""
-    write(args.out, [row for path in args.tables for row in rows.read(path)], args.pictures)
+    write(out.out, [row for path in inputs.tables for row in rows.read(path)], out.pictures)
 
 
 def write(path: Path, table: list[Row], pictures: Sequence[Path]) -> None:
-    """Write rows in order with one floor, and their chart; say on stderr where the default stands."""
+    """Write rows in order with one floor, and their chart; log where the default stands."""
     table = joined(table)
     rows.write(path, table)
     for picture in pictures:
         canvas.write(picture, figure.draw(table))
     for sentence in front.verdict(table):
-        print(sentence, file=sys.stderr)
+        log.info(sentence)
 
 
 def joined(table: list[Row]) -> list[Row]:

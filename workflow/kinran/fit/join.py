@@ -1,97 +1,122 @@
 """Join the fitted runs of a model to its material file."""
 
-import argparse
-from dataclasses import replace
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from kinran.fabric import Fabric
 from kinran.files import InputError, sha256, write_json
-from kinran.fit.chosen import add_lobes
-from kinran.fit.fitted import fitted_labels
-from kinran.fit.tile import MODELS
-from kinran.labels import LabelMap, read_labels, read_regions
-from kinran.stack import Stack
+from kinran.fit.regions import chosen_lobes, lobed_labels
+from kinran.labels import LabelMap
 from kinran_bsdf.material import Material, write_material
-from kinran_bsdf.models import clamp
+from kinran_bsdf.models import MODELS, Lambert, Slope
+from kinran_bsdf.relight import clamp
+
+log = logging.getLogger(__name__)
 
 Map = NDArray[np.float32]
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the stage."""
-    parser.add_argument("--stack", type=Path, required=True, help="radiance stack (.zarr)")
-    parser.add_argument("--labels", type=Path, required=True, help="label map (.exr)")
-    parser.add_argument("--regions", type=Path, required=True, help="regions (.json)")
-    parser.add_argument("--model", choices=MODELS, required=True)
-    add_lobes(parser)
-    parser.add_argument("--fitted", type=int, nargs="*", help="labels that have a lobe (default: all)")
-    parser.add_argument("--need", type=Path, help="instead of --fitted: what a scene needs (.json)")
-    parser.add_argument("--runs", type=Path, nargs="+", required=True, help="fitted runs (.npz)")
-    parser.add_argument("--summary", type=Path, required=True, help="cost and clamping of the fit (.json)")
-    parser.add_argument("out", type=Path, help="material (.exr)")
+COSTS = ("cpu_seconds", "read_seconds")
 
 
-def main(args: argparse.Namespace) -> None:
+@dataclass(frozen=True)
+class Inputs:
+    """What the stage reads."""
+
+    fabric: Annotated[Path, "folder of the fabric: radiance.zarr, labels.exr, regions.json"]
+    runs: Annotated[tuple[Path, ...], "fitted runs (.npz)"]
+    need: Annotated[Path | None, "instead of --fitted: what a scene needs (.json)"] = None
+    choice: Annotated[Path | None, "instead of --lobes and --tail: what `kinran choice` chose (.json)"] = None
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """What the stage writes."""
+
+    material: Annotated[Path, "OUT", "material (.exr)"]
+    summary: Annotated[Path, "cost and clamping of the fit (.json)"]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What was fitted."""
+
+    model: Annotated[str, "model of the material"] = Slope.name
+    lobes: Annotated[Literal[1, 2], "number of lobes of the slope model"] = 1
+    tail: Annotated[Literal["gaussian", "ggx"], "tail of its lobes"] = "ggx"
+    fitted: Annotated[tuple[int, ...] | None, "labels that have a lobe (default: all)"] = None
+
+
+def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
     """Write the material and a summary of what it cost."""
-    stack = Stack.open(args.stack)
-    labels = read_labels(args.labels)
-    args.fitted = fitted_labels(args, labels)
-    maps: dict[str, Map] = {}
-    covered = np.zeros(labels.shape, bool)
-    totals = {"cpu_seconds": 0.0, "read_seconds": 0.0}
-    peak = 0.0
-    for run in args.runs:
-        with np.load(run) as data:
-            _scatter(data, maps, covered)
-            for key in totals:
-                totals[key] += float(data[key])
-            peak = max(peak, float(data["peak_mb"]))
-    if not covered.all():
-        raise InputError(f"{args.out}: {int((~covered).sum())} texels have no fit; give all runs of the model")
+    fabric = Fabric(inputs.fabric)
+    labels = fabric.labels
+    maps, costs, peak = _maps(inputs.runs, out.material, labels.shape)
     filled = _fill(maps, maps.pop("fit.valid") > 0, labels)
+    material = _material(fabric, inputs, options, maps)
+    bound = clamp(material)
+    write_material(out.material, replace(material, channels={**material.channels, "bound": bound}))
+    summary: dict[str, Any] = {
+        "model": options.model,
+        "texels": labels.size,
+        "lights": int((~fabric.stack.held_out).sum()),
+        **{key: round(value, 3) for key, value in costs.items()},
+        "microseconds_per_texel": round(1e6 * costs["cpu_seconds"] / labels.size, 2),
+        "peak_mb": round(peak),
+        "bytes_per_texel": 2 * (len(maps) + 1),
+        "filled_texels": filled,
+        "clamped_share": round(float((bound < 1).mean()), 5),
+    }
+    write_json(out.summary, summary)
+    if filled:
+        log.info("material: %d texels have no samples of their own; filled from their regions", filled)
+
+
+def _material(fabric: Fabric, inputs: Inputs, options: Options, maps: dict[str, Map]) -> Material:
+    """The material of all maps, without its albedo bound."""
+    stack, model = fabric.stack, options.model
+    if model not in MODELS:
+        raise InputError(f"model {model}: is none of {', '.join(MODELS)}")
+    lobes = chosen_lobes(inputs.choice, options.tail, options.lobes)
+    lobed = lobed_labels(fabric.labels, options.fitted, inputs.need, inputs.choice)
     channels = _material_channels(maps, stack.to_acescg)
-    channels["label"] = labels.astype(np.float32)
-    model = args.model
-    material = Material(
+    channels["label"] = fabric.labels.astype(np.float32)
+    models = [model if lobed is None or r.label in lobed else Lambert.name for r in fabric.regions]
+    return Material(
         channels=channels,
         model=model,
-        tail=args.tail if model == "slope" else "ggx",
-        lobes={"lambert": 0, "slope": args.lobes}.get(model, 1),
-        regions=[
-            {
-                "label": r.label,
-                "name": r.name,
-                "model": model if args.fitted is None or r.label in args.fitted else "lambert",
-            }
-            for r in read_regions(args.regions)
-        ],
+        tail=lobes.tail,
+        lobes=MODELS[model].of(lobes.tail, lobes.count).lobes,
+        regions=[{"label": r.label, "name": r.name, "model": of} for r, of in zip(fabric.regions, models, strict=True)],
         colour="lin_ap1_scene",
         from_stack=stack.to_acescg,
         texel_mm=stack.texel_mm,
-        source=sha256(args.stack / "zarr.json"),
+        source=sha256(stack.path / "zarr.json"),
         theta_max=float(np.arccos(min(light.direction[2] for light in stack.lights if not light.held_out))),
         encoding=stack.encoding or "",
         crop=stack.crop,
     )
-    bound = clamp(material)
-    write_material(args.out, replace(material, channels={**channels, "bound": bound}))
-    write_json(
-        args.summary,
-        {
-            "model": model,
-            "texels": labels.size,
-            "lights": sum(not light.held_out for light in stack.lights),
-            **{key: round(value, 3) for key, value in totals.items()},
-            "microseconds_per_texel": round(1e6 * totals["cpu_seconds"] / labels.size, 2),
-            "peak_mb": round(peak),
-            "bytes_per_texel": 2 * (len(maps) + 1),
-            "filled_texels": filled,
-            "clamped_share": round(float((bound < 1).mean()), 5),
-        },
-    )
+
+
+def _maps(runs: Sequence[Path], out: Path, shape: tuple[int, ...]) -> tuple[dict[str, Map], dict[str, float], float]:
+    """Maps (y, x) of all runs, the sums of what they cost, and the largest peak of memory in MiB."""
+    maps: dict[str, Map] = {}
+    covered = np.zeros(shape, bool)
+    costs, peak = dict.fromkeys(COSTS, 0.0), 0.0
+    for run in runs:
+        with np.load(run) as data:
+            _scatter(data, maps, covered)
+            costs = {key: value + float(data[key]) for key, value in costs.items()}
+            peak = max(peak, float(data["peak_mb"]))
+    if not covered.all():
+        raise InputError(f"{out}: {int((~covered).sum())} texels have no fit; give all runs of the model")
+    return maps, costs, peak
 
 
 def _scatter(data: "np.lib.npyio.NpzFile", maps: dict[str, Map], covered: NDArray[np.bool_]) -> None:

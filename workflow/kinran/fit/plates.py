@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran import frames
-from kinran.baselines.basis import harmonics
+from kinran.fit.harmonics import harmonics
 from kinran_bsdf.residual import kernel_matrix, spline
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ def plates(lights: Array, values: Array, smoothing: float | None) -> tuple[Array
     nodes : (n, 2) float
         (l_x, l_y): the lights, then the other directions.
     weights : (n + 3, k) float
-        As of `kinran_bsdf.residual.Residual`.
+        Of the splines, as `kinran_bsdf.residual.Residual` keeps them.
     """
     if smoothing is None:
         return _of_harmonics(lights, values)

@@ -1,34 +1,25 @@
 """How far the priors of regions are to be trusted: by lights left out."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from kinran.fit import slope
 from kinran.fit.folds import deal, surrounded
-from kinran.fit.predict import predict
+from kinran.fit.priors import Prior
+from kinran.fit.samples import Samples
+from kinran.fit.slope import Lobes
 
 Array = NDArray[np.float64]
-Samples = NDArray[np.float32]
 
 STRENGTHS = (1.0, 0.1, 0.0)
 """Shares of a prior's weight that are tried."""
 FOLDS = 4
+"""Folds of the lights. A choice: the priors are for few lights, of which each fold leaves three quarters."""
 SURE = 2.0
 """Standard errors by which a weaker prior has to be better, over lights."""
 
 
-def weigh(
-    priors: list[slope.Prior],
-    T: Samples,
-    W: Samples,
-    lights: Array,
-    region: NDArray[np.intp],
-    tail: str = "ggx",
-    lobes: int = 1,
-    threads: int = 1,
-) -> list[slope.Prior]:
+def weigh(priors: list[Prior], samples: Samples, lobes: Lobes, threads: int = 1) -> list[Prior]:
     """Each region's prior with as much of its weight as lights left out bear.
 
     A prior says that a region has one shape and texels differ by little. Where it has several, as where some texels
@@ -38,40 +29,27 @@ def weigh(
 
     Parameters
     ----------
-    priors : a prior for each region
-        Of a sample of texels with T (texel, 3, light), W (texel, light) and region (texel,), as in `slope.fit`.
+    priors
+        A prior for each region, of a sample of its texels.
     """
-    if len(lights) >= slope.FEW:
+    if samples.under.count >= slope.FEW:
         return priors  # many directions outvote any prior
-    errors = [
-        _errors([_of(p, share) for p in priors], T, W, lights, region, tail, lobes, threads) for share in STRENGTHS
-    ]
-    return [_of(p, STRENGTHS[_strongest([e[region == k] for e in errors])]) for k, p in enumerate(priors)]
+    errors = [_errors([p.scaled(share) for p in priors], samples.unshared(), lobes, threads) for share in STRENGTHS]
+    by_region = [[e[samples.region == k] for e in errors] for k in range(len(priors))]
+    return [p.scaled(STRENGTHS[_strongest(e)]) for p, e in zip(priors, by_region, strict=True)]
 
 
-def _of(prior: slope.Prior, share: float) -> slope.Prior:
-    return replace(prior, variance=share * prior.variance)
-
-
-def _errors(
-    priors: list[slope.Prior],
-    T: Samples,
-    W: Samples,
-    lights: Array,
-    region: NDArray[np.intp],
-    tail: str,
-    lobes: int,
-    threads: int,
-) -> Array:
+def _errors(priors: list[Prior], samples: Samples, lobes: Lobes, threads: int) -> Array:
     """Weighted squared errors (texel, light) of lights left out, of those that the others surround."""
+    lights = samples.under.directions
     fold = deal(lights, FOLDS)
-    error, counted = np.zeros(W.shape), np.zeros(len(lights), bool)
+    error, counted = np.zeros(samples.W.shape), np.zeros(len(lights), bool)
     for k in range(fold.max() + 1):
         train, test = fold != k, fold == k
-        part = np.ascontiguousarray(T[..., train]), np.ascontiguousarray(W[:, train])
-        fitted = slope.fit(*part, lights[train], tail, lobes, priors, region, threads)
-        miss = predict(fitted, lights[test], tail) - np.nan_to_num(T[..., test])
-        error[:, test] = W[:, test] * (miss.astype(float) ** 2).sum(1)
+        fitted = slope.fit(samples.only(train), lobes, priors, threads)
+        left = samples.only(test)
+        miss = fitted.predict(left.under) - np.nan_to_num(left.T)
+        error[:, test] = left.W * (miss.astype(float) ** 2).sum(1)
         counted[test] = surrounded(lights[test], lights[train])
     return error[:, counted] if counted.sum() > len(lights) / 4 else error
 

@@ -127,7 +127,7 @@ def patches(image: Image, usable: NDArray[np.bool_], place: Place) -> tuple[Arra
 
 
 def _homography(source: Array, target: Array) -> Array:
-    """(3, 3) map of four points to four others (Hartley and Zisserman 2004, Eq. 4.1)."""
+    """(3, 3) map of four points to four others (Hartley2004, Eq. 4.1)."""
     rows: list[Sequence[float]] = []
     for (x, y), (u, v) in zip(source, target, strict=True):
         rows.append([x, y, 1, 0, 0, 0, -u * x, -u * y, -u])

@@ -95,7 +95,7 @@ def references(lamp: str = "") -> Array:
 
 
 def expand(rgb: Array, degree: int) -> Array:
-    """Terms (n, 3) of degree 1, or (n, 6) of degree 2: r, g, b, √(rg), √(gb), √(rb) (Finlayson 2015, Eq. 6).
+    """Terms (n, 3) of degree 1, or (n, 6) of degree 2: r, g, b, √(rg), √(gb), √(rb) (Finlayson2015, Eq. 6).
 
     All are of first order in the light, so that a colour does not depend on the exposure.
     """

@@ -110,7 +110,7 @@ def read(frames: Sequence[Frame], encoding: str) -> tuple[Bracket, str]:
 
 
 def debevec(frames: Sequence[Frame], encoding: str) -> tuple[dict[str, Image], dict[str, object]]:
-    """Channels and header of the baseline of Debevec and Malik (1997), in white a second: R G B and flags.
+    """Channels and header of the baseline of Debevec and Malik (Debevec1997), in white a second: R G B and flags.
 
     Without an encoding the response is recovered from the bracket, as they do. Where no exposure has a weight (codes
     0 and 255 have none) the value is not a number, flagged as saturated or dark.

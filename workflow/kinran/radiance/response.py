@@ -38,7 +38,7 @@ class Curve:
 
 
 def recover(codes: NDArray[np.uint8], seconds: Array) -> Curve:
-    """Response curve of a bracket (Debevec and Malik 1997, Eq. 3), from sites of all levels.
+    """Response curve of a bracket (Debevec1997, Eq. 3), from sites of all levels.
 
     Parameters
     ----------
@@ -68,13 +68,13 @@ def recover(codes: NDArray[np.uint8], seconds: Array) -> Curve:
 
 
 def hat(codes: ArrayLike) -> Array:
-    """Weights of codes: none at both ends, most in the middle (Debevec and Malik 1997, Eq. 4)."""
+    """Weights of codes: none at both ends, most in the middle (Debevec1997, Eq. 4)."""
     z = np.asarray(codes, float)
     return np.asarray(np.minimum(z, CODES - 1 - z) / (CODES / 2))
 
 
 def merge_debevec(codes: NDArray[np.uint8], seconds: Array, curve: Curve) -> Image:
-    """Radiance (...) of codes (exposure, ...): the weighted mean of logarithms (Debevec and Malik 1997, Eq. 6).
+    """Radiance (...) of codes (exposure, ...): the weighted mean of logarithms (Debevec1997, Eq. 6).
 
     NaN where every weight is 0.
     """

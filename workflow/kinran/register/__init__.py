@@ -5,30 +5,36 @@ side views up (Takeda2008, §2.3). Calibrated cameras do not cure that, the heig
 are 2.6 mm of shift at 60°.
 """
 
-import argparse
 import re
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from kinran.files import InputError
 from kinran.photographs import SUFFIXES
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the stage."""
-    parser.add_argument("out", type=Path, help="folder for cameras.json, height.exr, rectified/ and register.json")
-    parser.add_argument("--views", type=Path, nargs="+", required=True, metavar="IMAGE", help="the front view first")
-    parser.add_argument("--board", type=Path, required=True, help="the target around the fabric (.yaml)")
-    parser.add_argument(
-        "--field-mm", default="", metavar="W,H", help="part of the opening (default: 90 %% of its sides)"
-    )
-    parser.add_argument("--encoding", default="srgb", help="of the pictures: srgb, linear or gamma:X")
+@dataclass(frozen=True)
+class Inputs:
+    views: Annotated[tuple[Path, ...], "--views IMAGE", "pictures, the front view first"]
+    board: Annotated[Path, "the target around the fabric (.yaml)"]
 
 
-def main(args: argparse.Namespace) -> None:
+@dataclass(frozen=True)
+class Options:
+    field_mm: Annotated[str, "--field-mm W,H", "part of the opening (default: 90 % of its sides)"] = ""
+    encoding: Annotated[str, "of the pictures: srgb, linear or gamma:X"] = "srgb"
+
+
+def main(
+    inputs: Inputs,
+    out: Annotated[Path, "OUT", "folder for cameras.json, height.exr, rectified/ and register.json"],
+    options: Options = Options(),
+) -> None:
     """Register, and say what is left."""
     from kinran.register.session import register
 
-    register(args.out, args.views, args.board, args.field_mm, args.encoding)
+    register(out, list(inputs.views), inputs.board, options.field_mm, options.encoding)
 
 
 def find_views(folder: Path) -> list[Path]:

@@ -14,9 +14,11 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 PATCH, STEP = 64, 48
-"""Texels of the patches whose shift is measured, and from one patch to the next."""
+"""Side in texels of the patches whose shift is measured, and distance from one to the next: large enough for a texture,
+small enough for many. The floor below is measured with them."""
 RESPONSE = 0.4
-"""Height of the correlation's peak, 1 for equal patches, below which a patch has nothing to hold on to."""
+"""Height of the correlation's peak, 1 for equal patches, below which a patch has no texture in common. No measurement
+stands behind the height."""
 FLOOR = 0.07
 """Pixels of the front view: the median that is measured at 60° between views that are registered by the true surface
 of a simulated session, where the light on the gold differs from view to view."""
@@ -29,7 +31,7 @@ class Grid:
     Attributes
     ----------
     width, height
-        In texels.
+        Size in texels.
     texel
         Side of a texel in mm.
     """
@@ -112,14 +114,14 @@ def shifts(one: Image, other: Image, texel: float) -> Array:
 
     The cross-power spectrum is divided by the square root of its magnitude, not by all of it: that gives the
     frequencies in which the patches hold nothing but noise less to say. The peak is then found between the texels by
-    the Fourier series itself [Guizar-Sicairos 2008]: a parabola through three texels would pull it towards the middle.
+    the Fourier series itself [GuizarSicairos2008]: a parabola through three texels would pull it towards the middle.
 
     Parameters
     ----------
     one, other : (y, x) float32
         Grey.
     texel
-        In mm.
+        Side of a texel in mm.
 
     Returns
     -------

@@ -1,6 +1,6 @@
 """A session of views, from photographs to files."""
 
-import sys
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -10,17 +10,22 @@ from numpy.typing import NDArray
 from kinran import encoding, photographs
 from kinran.exr import write_exr
 from kinran.files import InputError, write_json
-from kinran.register.cameras import Calibration, Cameras, calibrate, describe
+from kinran.register.cameras import Cameras, JudgedCameras, calibrate, describe
 from kinran.register.height import Surface, measure
 from kinran.register.rectify import FLOOR, Grid, Image, check_inside, grid_of, rectify, shifts
 from kinran.register.target import Board, detect, read_board
 
+log = logging.getLogger(__name__)
+
 LIMIT = 0.05
-"""Median shift in mm to the front view, up to which a view counts as registered."""
+"""Median shift in mm to the front view, up to which a view counts as registered: a twentieth of a gold strip of 1
+mm."""
 HELD = 0.5
-"""Share of the patches that must have a texture in common with the front view's."""
+"""Share of the patches that must have a texture in common with the front view's: with less, the median is that of a
+part of the field. No measurement stands behind the share."""
 ODD = 3.0
-"""Times the median of the views' reprojection errors, above which one is worth a warning."""
+"""Multiple of the median of the views' reprojection errors above which one is worth a warning. No measurement stands
+behind it."""
 FRAME = "X=+u=weft, Y=+v=warp, Z=view; mm from the middle of the board; "
 
 Array = NDArray[np.float64]
@@ -141,7 +146,7 @@ def grey(light: Image) -> Image:
 
 
 def judge(
-    calibration: Calibration, greys: list[Image], grid: Grid, surface: Surface, names: list[str]
+    calibration: JudgedCameras, greys: list[Image], grid: Grid, surface: Surface, names: list[str]
 ) -> dict[str, Any]:
     """What `register.json` holds: the shift of each view to the front view, through the height and on the plane."""
     cameras = calibration.cameras
@@ -209,4 +214,4 @@ def show(report: dict[str, Any]) -> None:
         degrees = f"{np.degrees(row['theta']):.0f}°"
         print(f"  {row['name']:16} {degrees:>4}  median {median}  p95 {p95}   (plane: {plane}, {plane_p95})")
     for warning in report["warnings"]:
-        print(f"warning: {warning}", file=sys.stderr)
+        log.warning("warning: %s", warning)

@@ -23,11 +23,13 @@ Grey = NDArray[np.uint8]
 
 SCHEMA = ROOT / "workflow" / "schemas" / "board.schema.yaml"
 CENTRE = 0.5
-"""Of the first pixel; pycolmap counts so, OpenCV counts from 0."""
+"""Position of the first pixel's middle: pycolmap counts so, OpenCV counts from 0."""
 LEAST = 12
-"""Corners of one view that a pose is trusted to."""
+"""Fewest corners of a view that its pose is trusted to: 24 numbers for the 6 of the pose. No measurement stands behind
+it."""
 SPREAD = 0.25
-"""Of the plate that the corners of one view must span, along its shorter side."""
+"""Share of the plate's width and of its height that the corners of a view must span: from a corner of the plate alone a
+pose is a guess at its other end. No measurement stands behind the share."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class Board:
     kind
         ``charuco`` or ``aruco``.
     points : (corner, 3) float
-        In mm; Z = 0.
+        Positions in mm; Z = 0.
     usable : (corner,) bool
         False where the opening cuts into the corner.
     aperture
@@ -62,7 +64,7 @@ class Corners:
     Attributes
     ----------
     name
-        Of the view.
+        Name of the view.
     ids : (n,) int
         Which corner of the board.
     pixels : (n, 2) float
@@ -146,7 +148,7 @@ def detect(board: Board, grey: Grey, name: str) -> Corners:
     grey : (y, x) uint8
         Top row first.
     name
-        Of the view, for errors.
+        Name of the view, for errors.
 
     Raises
     ------

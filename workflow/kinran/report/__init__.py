@@ -1,21 +1,23 @@
 """Write the report of a fabric: one HTML page that needs nothing else."""
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the stage."""
-    parser.add_argument("--fabric", required=True)
-    parser.add_argument("--results", type=Path, required=True, help="folder of the fabric's results")
-    parser.add_argument("--captures", type=Path, required=True, help="folder of the fabric's capture")
-    parser.add_argument("--choice", type=Path, help="what `kinran choice` chose (.json), if it was asked")
-    parser.add_argument("out", type=Path, help="page (.html)")
+@dataclass(frozen=True)
+class Inputs:
+    """What the stage reads."""
+
+    fabric: Annotated[Path, "folder of the fabric's results"]
+    captures: Annotated[Path, "folder of the fabric's capture"]
+    choice: Annotated[Path | None, "what `kinran choice` chose (.json), if it was asked"] = None
 
 
-def main(args: argparse.Namespace) -> None:
+def main(inputs: Inputs, out: Annotated[Path, "OUT", "page (.html)"]) -> None:
     """Gather and write."""
+    from kinran.page import write_page
     from kinran.report.fabric import gather
-    from kinran.report.page import write_page
 
-    write_page(args.out, "fabric.html", gather(args.fabric, args.results, args.captures, args.choice))
+    values = gather(inputs.fabric, inputs.captures, inputs.choice)
+    write_page(out, Path(__file__).with_name("fabric.html"), values)

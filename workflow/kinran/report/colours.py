@@ -4,12 +4,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from kinran import pictures
 from kinran.radiance.calibration import Calibration
 from kinran.radiance.colour_chart import COLUMNS, PATCHES
-from kinran.report import charts
+from kinran.report import drawings
 from kinran_bsdf.colours import TO_REC709
 
 
@@ -33,7 +32,11 @@ def chart_section(calibration: Calibration) -> dict[str, Any] | None:
         (PATCHES[k], _css(patch.colour), _css(patch.reference), patch.delta_e, patch.left_out)
         for k, patch in enumerate(patches)
     ]
-    return {"swatches": Markup(charts.swatches(cells, COLUMNS)), "rows": rows, "note": _note(calibration)}
+    return {
+        "swatches": drawings.swatches(cells, COLUMNS).svg("Colour chart: seen beside its reference"),
+        "rows": rows,
+        "note": _note(calibration),
+    }
 
 
 def _note(calibration: Calibration) -> str:

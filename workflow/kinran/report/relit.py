@@ -1,9 +1,8 @@
 """The section of the report in which a reader moves the light: the fitted material, relit on a grid of lights.
 
-The pictures are what `kinran_bsdf.models.relight` says, tiles of one sheet; the page blends the four nearest.
+The pictures are what `kinran_bsdf.relight.relight` says, tiles of one sheet; the page blends the four nearest.
 """
 
-import base64
 import io
 import math
 from typing import Any
@@ -13,9 +12,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from kinran import pictures
+from kinran.page import data_url
 from kinran_bsdf.colours import TO_REC709
 from kinran_bsdf.material import Material
-from kinran_bsdf.models import relight
+from kinran_bsdf.relight import relight
 
 SIDE = 17
 """Lights along each axis of (l_x, l_y)."""
@@ -33,7 +33,7 @@ def relit_section(material: Material) -> dict[str, Any]:
     Image.fromarray(sheet).save(buffer, "WEBP", quality=QUALITY)
     height, width = part.size
     return {
-        "sheet": "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode(),
+        "sheet": data_url(buffer.getvalue(), "webp"),
         "side": SIDE,
         "width": width,
         "height": height,

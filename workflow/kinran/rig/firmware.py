@@ -33,6 +33,7 @@ Injection = Literal[
 Answer = tuple[Status, bytes]
 
 LATE_S = 0.2
+"""Seconds by which an injected late reply is late: more than the driver waits for one."""
 
 
 class Firmware(Machine):
@@ -41,7 +42,7 @@ class Firmware(Machine):
     Parameters
     ----------
     seed
-        As of `Machine`.
+        Seed of the small errors of mechanics and encoders.
     serial
         Serial number in IDENT.
     capabilities

@@ -39,16 +39,25 @@ from kinran.rig.protocol import (
 from kinran.rig.transport import Handle
 
 TRIES = 3
+"""Times that a command is sent with the same seq (docs/rig.md, Rules)."""
 REPLY_S = 0.15
+"""Seconds that a reply may take: a hundred of the bus's intervals of 1 ms, and some."""
 READ_MS = 20
+"""Time-out of a read: short, so that the lock is soon free for the heartbeat, and never 0, which would block for
+ever."""
 HEARTBEAT_S = 0.25
+"""Seconds between commands that feed the watchdog: seven may be lost before it bites (docs/rig.md, Rules)."""
 WATCHDOG_MS = 2000
+"""Silence of the host after which the rig stops and closes its shutter (docs/rig.md, Rules)."""
 SLACK = 1.2
 """A job is asked after when it takes longer than this times its predicted time, plus a second."""
 
 HOMING_S = 60.0
+"""Seconds that homing may take: the slowest axis crosses its range in 24 s at its top speed."""
 ALL_AXES = 0b1111
+"""Mask of all axes."""
 LIGHT_AXES = 0b0011
+"""Mask of the axes of the light arm."""
 
 
 class Goniometer:
@@ -68,7 +77,7 @@ class Goniometer:
     Attributes
     ----------
     state
-        What the rig said of itself last.
+        Last state that the rig reported.
     boot
         Boot id of the firmware that `hello` found.
     retries

@@ -1,4 +1,4 @@
-"""What the journal says: which brackets were taken, with which frames, and which one was under way."""
+"""Brackets in the journal: which ones were taken, with which frames, and which one was under way."""
 
 import hashlib
 import json
@@ -13,8 +13,8 @@ from kinran.plans import Group, Plan, Shot
 
 
 @dataclass
-class Bracket:
-    """An intent and what came of it.
+class JournalBracket:
+    """A bracket in the journal: an intent, and what came of it.
 
     Attributes
     ----------
@@ -52,13 +52,13 @@ class Wanted:
     setup: str
 
 
-def read_brackets(records: Iterable[Record]) -> list[Bracket]:
+def read_brackets(records: Iterable[Record]) -> list[JournalBracket]:
     """Brackets in the order of their intents."""
-    brackets: list[Bracket] = []
+    brackets: list[JournalBracket] = []
     for record in records:
         match record["t"]:
             case "intent":
-                brackets.append(Bracket(record))
+                brackets.append(JournalBracket(record))
             case "frame":
                 brackets[record["intent"]].frames[record["k"]] = record
             case "quarantined" | "superseded" if record["intent"] is not None:
@@ -77,7 +77,7 @@ def mdeg(degrees: float) -> int:
     return round(1000 * degrees)
 
 
-def latest(brackets: Iterable[Bracket], group: str, shot: str) -> Bracket | None:
+def latest(brackets: Iterable[JournalBracket], group: str, shot: str) -> JournalBracket | None:
     """The newest complete bracket of a shot."""
     found = None
     for bracket in brackets:
@@ -86,8 +86,8 @@ def latest(brackets: Iterable[Bracket], group: str, shot: str) -> Bracket | None
     return found
 
 
-def missing(brackets: list[Bracket], wanted: Iterable[Wanted], root: Path) -> list[Wanted]:
-    """What has no complete bracket of its set-up and revision, or whose files are gone or cut short."""
+def missing(brackets: list[JournalBracket], wanted: Iterable[Wanted], root: Path) -> list[Wanted]:
+    """Shots without a complete bracket of their set-up and revision, or whose files are gone or cut short."""
     newest = {(bracket.intent["group"], bracket.intent["shot"]): bracket for bracket in brackets if bracket.complete}
     last = max((i for i, bracket in enumerate(brackets) if bracket.complete), default=None)
     if last is not None and not all(
@@ -115,7 +115,7 @@ def _whole(root: Path, frame: Record) -> bool:
         return False
 
 
-def manifest(plan: Plan, group: Group, brackets: list[Bracket]) -> dict[str, Any]:
+def manifest(plan: Plan, group: Group, brackets: list[JournalBracket]) -> dict[str, Any]:
     """Manifest of a group, lights first, in the order of their indices."""
     shots = [_manifest_shot(shot, latest(brackets, group.name, shot.shot)) for shot in group.shots]
     shots.sort(key=lambda shot: len(plan.lights) if shot["light"] is None else shot["light"])
@@ -130,7 +130,7 @@ def manifest(plan: Plan, group: Group, brackets: list[Bracket]) -> dict[str, Any
     }
 
 
-def _manifest_shot(shot: Shot, bracket: Bracket | None) -> dict[str, Any]:
+def _manifest_shot(shot: Shot, bracket: JournalBracket | None) -> dict[str, Any]:
     if bracket is None:
         raise RuntimeError(f"{shot.shot} has no complete bracket")
     intent = bracket.intent

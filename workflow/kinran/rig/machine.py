@@ -14,12 +14,18 @@ from kinran.rig.motion import AXES, move_time, travel_time, travelled
 from kinran.rig.protocol import Config, Expose, Fault, Flag, Four, JobState, Move, Opcode, State, Status
 
 WARM_UP_S = 1800.0
+"""Seconds after which the lamp counts as warm: half an hour, as for a real xenon lamp."""
 HOMING_S = 5.0
+"""Seconds of simulated homing."""
 PHOTODIODE = 100_000
+"""Counts of the photodiode at the lamp's nominal light, so that a count is 10⁻⁵ of it."""
 CLEARANCE_MDEG = 8_000
+"""Least angle in millidegrees between the light arm and the camera arm."""
 NO_AXIS = 0xFF
+"""Axis of a fault that has none (docs/rig.md, status block)."""
 _ALL_AXES = 0b1111
 _IDLE_EVENT_S, _MOVING_EVENT_S = 1.0, 0.1
+"""Seconds between events, at rest and in motion (docs/rig.md, Protocol)."""
 
 
 class Machine:
@@ -33,7 +39,7 @@ class Machine:
     Attributes
     ----------
     lamp_factor
-        What the lamp gives of its nominal light; for tests.
+        Share of its nominal light that the lamp gives; tests change it.
     release
         What the camera's release line fires: takes the shutter time.
     jobs_done
@@ -315,7 +321,7 @@ class Machine:
         self._releases.clear()
 
     def _fraction(self) -> float:
-        """Of the path of the running job; the slowest axis sets the pace."""
+        """Share of the running job's path that is done; the slowest axis sets the pace."""
         paths = [
             (travel_time(b - a, axis.speed, axis.acceleration), b - a, axis)
             for a, b, axis in zip(self._start, self._end, AXES, strict=True)

@@ -22,9 +22,12 @@ AXES = (
     Axis("camera θ", -75_000, 75_000, 10_000, 20_000),
     Axis("camera φ", -360_000, 360_000, 30_000, 60_000),
 )
+"""The axes of the simulated rig, and what a plan's duration is computed with; a real rig states its own limits
+(CONFIG). The paper gives no speeds."""
 SETTLE_S = 0.2
+"""Seconds that an arm rests before an exposure, for vibrations to die away. No measurement stands behind them."""
 ON_TARGET_MDEG = 20
-"""How far from its target an axis may come to rest."""
+"""Distance in millidegrees from its target at which an axis may come to rest: a 250th of a step of the paper's grid."""
 
 
 def travel_time(distance: float, speed: float, acceleration: float) -> float:

@@ -11,11 +11,17 @@ from enum import IntEnum
 from typing import Self
 
 REPORT = 64
+"""Bytes of a report, and the most that an interrupt endpoint of a full-speed USB device takes at once."""
 PAYLOAD = 48
+"""Bytes of a report's payload: what header and CRC leave."""
 VERSION = 1
+"""Version of the protocol."""
 VALIDATE_ONLY = 1
+"""Flag of a command that is checked and not executed."""
 COORDINATED = 1
+"""Flag of a move whose axes arrive at once."""
 USAGE_PAGE, USAGE = 0xFF4B, 0x01
+"""HID usage of the rig, on a page for vendors."""
 
 Four = tuple[int, int, int, int]
 
@@ -324,7 +330,7 @@ class Config:
     speeds
         Top speeds, in units of 10 mdeg/s.
     accelerations
-        In deg/s².
+        Accelerations in deg/s².
     watchdog_ms
         Watchdog at start-up.
     """

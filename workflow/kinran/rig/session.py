@@ -17,31 +17,36 @@ from kinran.plans import Plan
 from kinran.rig.camera import Camera, CameraError
 from kinran.rig.errors import RebootedError, RigError
 from kinran.rig.goniometer import ALL_AXES, Goniometer
-from kinran.rig.ledger import Bracket, Wanted, mdeg, missing, read_brackets
+from kinran.rig.ledger import JournalBracket, Wanted, mdeg, missing, read_brackets
 from kinran.rig.motion import ON_TARGET_MDEG
 from kinran.rig.store import digest_on_card, land, quarantine, remove_parts, set_aside
 
 TRIES = 2
+"""Times that a bracket, or a missed exposure, is taken before the session stops (docs/rig.md, Resume)."""
 RESTARTS = 3
+"""Restarts of the rig that a session goes on after; a rig that restarts more often needs a person."""
 LAMP_LEAVES, LAMP_RETURNS = 0.03, 0.02
-"""Relative drift of the lamp at which shooting pauses, and at which it goes on."""
-
+"""Relative drift of the lamp at which shooting pauses, and at which it goes on: several times the simulated lamp's
+breathing of 0.6 %. Monitors correct what is smaller. No measurement of a real lamp stands behind them."""
 LAMP_WAIT_S = 600.0
+"""Longest pause for the lamp: in ten minutes it is as warm as after the half hour of warm-up, or broken."""
 LAMP_SAME = 0.01
-"""Relative change of the lamp within which a bracket may be completed later."""
-
+"""Relative change of the lamp within which a bracket may be completed later: as little as its frames may differ in
+one."""
 FRAME_LIMIT_S = 60.0
+"""Seconds of an open shutter that a frame may take besides its exposure, before the rig closes it by itself."""
 LONG_S = 1.0
 """Exposures that last longer may outlive the host until the watchdog closes the shutter."""
 
 SUBJECTS = {"light": "fabric", "monitor": "fabric", "dark": "dark", "white": "white", "chart": "chart"}
 X_SYNC = 1
+"""Bit of the rig's capabilities: it counts the camera's exposures."""
 
 log = logging.getLogger(__name__)
 
 
 class Session:
-    """Shooting of what is missing, until done or until something stops it; both leave a sound journal.
+    """Shooting of the missing brackets, until done or until something stops it; both leave a sound journal.
 
     Parameters
     ----------
@@ -173,7 +178,7 @@ class Session:
         else:
             self._quarantine(found, "not the bracket that was under way")
 
-    def _counted(self, bracket: Bracket, unknown: int) -> int:
+    def _counted(self, bracket: JournalBracket, unknown: int) -> int:
         """X-sync edges since the intent; `unknown` when the rig does not count them."""
         if self.rig.ident is None or not self.rig.ident.capabilities & X_SYNC:
             return unknown
@@ -226,7 +231,7 @@ class Session:
                 raise CameraError("the rig does not see the camera's X-sync; check the cable between them")
         raise RigError("the lamp does not hold steady; look after it, then run the capture again")
 
-    def _open(self, want: Wanted) -> tuple[Bracket, list[str]]:
+    def _open(self, want: Wanted) -> tuple[JournalBracket, list[str]]:
         """Move there, and write what is intended; or go on with the bracket that was under way."""
         subject = SUBJECTS[want.shot.kind]
         if subject != self._subject:
@@ -259,7 +264,7 @@ class Session:
             "card": self.camera.card(),
         }
         self.journal.append(intent)
-        self.brackets.append(Bracket(intent))
+        self.brackets.append(JournalBracket(intent))
         return self.brackets[-1], []
 
     def _may_complete(self, intent: Record, want: Wanted, pose: Sequence[int], photodiode: int) -> bool:
@@ -282,7 +287,7 @@ class Session:
                 self.journal.append({"t": "superseded", "intent": number, "files": files})
                 bracket.void = True
 
-    def _expose(self, bracket: Bracket, names: list[str]) -> None:
+    def _expose(self, bracket: JournalBracket, names: list[str]) -> None:
         """Take the exposures that `names` lacks, under an open shutter unless the shot is a dark one.
 
         Raises
@@ -321,7 +326,7 @@ class Session:
             " then run the capture again"
         )
 
-    def _record(self, bracket: Bracket, names: list[str], photodiode: int, how: str) -> None:
+    def _record(self, bracket: JournalBracket, names: list[str], photodiode: int, how: str) -> None:
         """Land the frames, record them, and only then delete them on the card."""
         intent = bracket.intent
         stem = f"{intent['shot']}_e{{k}}_r{intent['revision']}{self.camera.suffix}"

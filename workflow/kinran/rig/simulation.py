@@ -8,9 +8,9 @@ from kinran.rig.goniometer import Goniometer
 from kinran.rig.transport import Backend, SimulatedHid
 
 FRAME_S = 1.0
-"""Seconds that a frame takes besides its exposure: the floor of libgphoto2."""
-
+"""Seconds that a frame takes besides its exposure, as `grid.CAMERA_S`."""
 _SLICE_S = 1.0
+"""Seconds of virtual time between two commands that feed the watchdog, which bites after two."""
 
 
 def simulated_goniometer(firmware: Firmware, backend: Backend = "hidraw") -> Goniometer:

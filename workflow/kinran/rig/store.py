@@ -68,7 +68,7 @@ def digest_on_card(camera: Camera, root: Path, name: str) -> str:
 
 
 def quarantine(camera: Camera, root: Path, names: Sequence[str]) -> list[Landed]:
-    """Copy files that nobody asked for, or whose bracket is void, aside; they stay on the card."""
+    """Copy files aside that no shot asked for, or whose bracket is void; they stay on the card."""
     folder = root / "quarantine"
     targets = [folder / f"{digest_on_card(camera, root, name)[:12]}_{name}" for name in names]
     return land(camera, root, names, targets)

@@ -12,6 +12,7 @@ Map = NDArray[np.float32]
 Features = NDArray[np.float64]
 
 LEAST_LIGHTS = 3
+"""Fewest lights that a median is taken of: it then passes over one odd sample."""
 
 
 @dataclass(frozen=True)

@@ -17,16 +17,31 @@ Array = NDArray[np.float64]
 Labels = NDArray[np.intp]
 
 SHRINKAGE = 0.5
+"""Share of a region's own covariance beside the one that all share. Of the virtual brocade's labels (`kinran
+chart-regions`) 97.9 to 98.0 % are right at any share from 0 to 0.75, and 97.4 % at 1. Half keeps regions of few texels
+from dying."""
 RIDGE = 1e-3
+"""Variance that is added to features of unit spread. The brocade's labels are right to 97.9 % from 1e-3 to 0.1; at 1e-4
+and less one of its four regions is not found."""
 CORE = 0.8
+"""Share of a region's texels, the nearest, that its covariance is made of. The brocade's labels are right to 97.9 %
+from 0.5 to 0.9, and to 97.5 % when all of a region's texels count."""
 STARTS, ROUNDS = 10, 20
+"""Runs of k-means with seeds of their own, and most rounds of refinement, which end before where nothing changes. The
+brocade's regions are the same after 1, 3, 10 and 30 runs."""
 SAMPLE = 10_000
-"""Texels that the search for regions looks at."""
+"""Texels that the search for regions looks at. The brocade's labels are as right (97.9 %) after a search of 2500 of its
+6400 texels."""
 NEIGHBOURS = 4.0
-"""Squared distance that a region gains when all of a texel's 3 × 3 neighbourhood is in it."""
+"""Squared distance that a region gains when all of a texel's 3 × 3 neighbourhood is in it. It changes none of the
+brocade's labels as they are; where 30 % of noise is laid on its statistics, right labels go from 96.8 % to 96.9 %."""
 MOST = 8
+"""Most regions that are found unasked: a robe has a handful of kinds of thread. More can be asked for."""
 VALLEY = 0.5
+"""Density between two regions, over the lower of their hills, under which they are two. The brocade's four kinds of
+thread are found at any ratio from 0.2 to 0.8, and six at 0.9."""
 FAR = 1e30
+"""Squared distance to a region that has no texel left."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +69,7 @@ def estimate(features: Array, labels: Labels, count: int, distances: Array | Non
     labels : (texel,) int
         Texels with a negative label belong to no region.
     distances : (texel, count) float, optional
-        With them, a region's core alone is taken: the nearest 80 % of its texels.
+        Squared distances; with them, a region is made of its core alone, the nearest 80 % of its texels.
     """
     d = features.shape[1]
     means, covariances, sizes = np.full((count, d), np.inf), np.zeros((count, d, d)), np.zeros(count)

@@ -21,7 +21,7 @@ from kinran.virtual.weave import VirtualFabric
 
 CACHE = Path(".cache/kinran/virtual")
 LEAST_TEXELS = 16
-"""LibRaw refuses smaller frames."""
+"""Fewest texels along a side: LibRaw refuses smaller frames."""
 TAKEN = "taken.txt"
 SUBJECTS = ("fabric", "white", "chart", "dark")
 

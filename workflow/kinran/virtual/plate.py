@@ -5,7 +5,6 @@ from numpy.typing import ArrayLike, NDArray
 
 Image = NDArray[np.float32]
 
-# ColorChecker after November 2014, linear Rec. 709 of its CIE xyY (D50, adapted to D65 by Bradford)
 CHART = np.array(
     [
         (0.1737, 0.0788, 0.0529),  # dark skin
@@ -34,7 +33,9 @@ CHART = np.array(
         (0.0314, 0.0315, 0.0323),  # black
     ]
 )
+"""ColorChecker after November 2014: linear Rec. 709 of its CIE xyY (D50), adapted to D65 by Bradford's transform."""
 ROWS, COLUMNS = 4, 6
+"""Patches of the chart along its sides."""
 GAP = 0.15
 """Share of a patch's cell that is black card, on each side."""
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 Image = NDArray[np.float32]
 
 CROSSTALK = np.array([[0.62, 0.27, 0.04], [0.14, 0.79, 0.12], [0.02, 0.20, 0.66]])
-"""Linear Rec. 709 to the camera's R, G, B; white reads most in green, as with real cameras."""
+"""Linear Rec. 709 to the camera's R, G, B: made up, so that white reads most in green, as it does with real cameras,
+and that the calibration has something to find."""
 BORDER = 8
 """Rows above the picture that a mask covers."""
 SITES = ((0, 0, 0), (0, 1, 1), (1, 0, 1), (1, 1, 2))
@@ -20,7 +21,7 @@ SITES = ((0, 0, 0), (0, 1, 1), (1, 0, 1), (1, 1, 2))
 
 @dataclass(frozen=True)
 class Sensor:
-    """Electrons, counts and defects.
+    """What turns light into electrons and counts, defects included; a 12-bit camera of the paper's kind, made up.
 
     Attributes
     ----------

@@ -18,7 +18,10 @@ from kinran.virtual import yarn
 Image = NDArray[np.float32]
 
 COLOURS = {"red": (0.50, 0.030, 0.025), "blue": (0.03, 0.06, 0.35), "white": (0.70, 0.68, 0.60)}
+"""Linear Rec. 709 colours of the silk: made up, for a red ground with threads of other colours (Takeda2008, §2.1)."""
 DEPTH = 6
+"""Longest path of light, meant to leave out only what the noise of the frames hides. No measurement stands behind
+it."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,7 @@ class VirtualFabric:
     samples
         Paths per texel.
     seed
-        Of the threads' irregularities.
+        Seed of the threads' irregularities.
     lamp_mm, camera_mm
         Distances of the point lamp and of the pinhole from the middle of the field.
     """

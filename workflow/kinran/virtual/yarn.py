@@ -16,17 +16,22 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d
 Array = NDArray[np.float64]
 
 REPEAT = 4.8
-"""Width and height of the repeat."""
+"""Width and height of the repeat. Like all lengths here it is made up, for a brocade of silk with strips of gold
+leaf."""
 MARGIN = 1.5
 """Fabric beyond the field on each side: it shadows the field and is reflected in it."""
 GAUGE = 0.20
 """Distance of neighbouring warp yarns, and of neighbouring weft yarns."""
 STRIP_WIDTH = 1.0
+"""Width of a gold strip."""
 STRIP_HEIGHT = 0.24
+"""Height of the gold strips over the mean surface."""
 STRIPS = (2.55, 3.95)
 """Centres of the gold strips above the lower edge of a repeat."""
 FLOAT_GAUGE = 0.135
+"""Distance of neighbouring threads of the figure."""
 STEP = 0.025
+"""Distance of points along a yarn."""
 BINDING = 5
 """Each strip passes under every fifth warp yarn."""
 
@@ -68,7 +73,7 @@ def weave(field_mm: float, seed: int) -> list[Surface]:
     field_mm
         Side of the square that the camera sees.
     seed
-        Of the irregularities of the yarns and strips.
+        Seed of the irregularities of the yarns and strips.
     """
     rng = np.random.default_rng(seed)
     low, high = -field_mm / 2 - MARGIN, field_mm / 2 + MARGIN
