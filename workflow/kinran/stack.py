@@ -39,9 +39,9 @@ class Metadata:
     Attributes
     ----------
     lights
-        In the order of the stack.
+        Lights in the order of the stack.
     height, width
-        In texels.
+        Size in texels.
     texel_mm
         Side of a texel in millimetres; None when unknown.
     encoding

@@ -173,11 +173,11 @@ def calibrate(plan: Plan, shots: Sequence[Taken], corners: str = "", lamp: str =
     Parameters
     ----------
     plan, shots
-        Of the capture; a dark, a chart and at least one white shot among them.
+        Plan and shots of the capture; a dark, a chart and at least one white shot are among them.
     corners
-        Of the chart, as `parse_corners` takes them; empty to find it.
+        Corners of the chart, as `parse_corners` takes them; empty to find it.
     lamp
-        Whose spectrum falls on the chart, as `references` takes it; empty for the published colours.
+        Name of the lamp on the chart, as `references` takes it; empty for the published colours.
 
     Raises
     ------

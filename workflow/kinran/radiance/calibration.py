@@ -52,11 +52,11 @@ class Exposure:
     Attributes
     ----------
     nominal_s
-        As the dial says.
+        Time on the dial in seconds.
     prior_s
         The third stop that it means.
     seconds
-        As measured, relative to the longest, which is at its third stop.
+        Measured time, relative to the longest, which is at its third stop.
     sites
         Sensor sites that measured it; 0 where none could, and `seconds` follows `prior_s`.
     curtain
@@ -134,9 +134,9 @@ class Patch:
     Attributes
     ----------
     colour : (3,)
-        As it was seen, free of glare, by the matrix: linear ACEScg under a white of 1.
+        Colour that was seen, free of glare, by the matrix: linear ACEScg under a white of 1.
     reference : (3,)
-        As it should be.
+        Colour that it should have.
     delta_e
         ΔE00 of a matrix that has not seen the patch.
     root_delta_e
@@ -159,11 +159,11 @@ class Calibration:
     Attributes
     ----------
     fabric, plan_sha256
-        What was calibrated.
+        Fabric and plan that were calibrated.
     height, width
-        Of the stack, in texels.
+        Size of the stack in texels.
     encoding, crop
-        Of photographs; empty for RAW frames.
+        Encoding and crop of photographs; empty for RAW frames.
     camera
         None for photographs.
     colour
@@ -182,7 +182,7 @@ class Calibration:
     chart : (24,)
         All patches, row by row from dark skin; empty for photographs.
     lamp
-        Whose spectrum the chart's reference colours are for; empty for the published ones.
+        Lamp that the chart's reference colours are for; empty for the published ones.
     """
 
     fabric: str

@@ -39,7 +39,7 @@ class Found(NamedTuple):
     error
         Median ΔE00 of the patches, each left out of the fitted matrix in turn; infinite where too few are seen.
     place
-        Where it lies.
+        Corners of the chart in the picture.
     """
 
     colours: Array
@@ -76,9 +76,9 @@ def fit_colours(picture: Radiance, shot: str, corners: str = "", lamp: str = "",
     picture : (y, x, 3)
         The chart, in light relative to white; on any scale where `greys`.
     shot
-        To name in an error.
+        Name of the shot, for an error.
     corners, lamp
-        As `parse_corners` and `references` take them.
+        Corners and lamp, as `parse_corners` and `references` take them.
     greys
         Whether the chart's own grey patches are the white.
 

@@ -24,18 +24,18 @@ def calibrate_colours(calibration: Calibration, path: Path, corners: str, lamp: 
     Parameters
     ----------
     calibration
-        Of the photographs.
+        Calibration of the photographs.
     path
         Photograph of the chart.
     corners
-        As `parse_corners` takes them, in its pixels (of RAW: superpixels); empty to find it.
+        Corners as `parse_corners` takes them, in its pixels (of RAW: superpixels); empty to find it.
     lamp
-        Whose spectrum falls on the chart, as `references` takes it; empty for the published colours.
+        Name of the lamp on the chart, as `references` takes it; empty for the published colours.
 
     Raises
     ------
     InputError
-        The photograph cannot be read, or as of `fit_colours`.
+        The photograph cannot be read, or `fit_colours` finds no chart in it.
     """
     picture = _read(path, calibration)
     step = math.ceil(max(picture.value.shape[:2]) / LARGEST)

@@ -97,7 +97,7 @@ def patches(image: Image, usable: NDArray[np.bool_], place: Place) -> tuple[Arra
         Row 0 is the bottom.
     usable : (y, x) bool
     place
-        Of the chart.
+        Place of the chart.
 
     Returns
     -------

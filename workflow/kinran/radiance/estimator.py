@@ -39,7 +39,7 @@ class Merged(NamedTuple):
     Attributes
     ----------
     rate : (...) float32
-        Counts a second. Where every exposure is saturated, what the shortest shows: a lower bound.
+        Counts per second. Where every exposure is saturated it is what the shortest shows: a lower bound.
     sigma : (...) float32
         Its standard deviation; infinite where every exposure is saturated.
     apart : (...) bool
@@ -57,7 +57,7 @@ class _Sensor(NamedTuple):
     Attributes
     ----------
     clip, gain
-        As `Response` has them.
+        The same as in `Response`.
     read, coding
         Variances: the squares of those of `Response`.
     limit
@@ -82,7 +82,7 @@ def estimate(counts: Counts, black: Array, seconds: Array, response: Response) -
     seconds : (exposure,) float
         True shutter times, in any order.
     response
-        Of the sensor.
+        Response of the sensor.
     """
     order = np.argsort(-seconds, kind="stable")
     planes = np.ascontiguousarray(counts[order]).reshape(len(seconds), 1, 1, -1)
@@ -101,14 +101,14 @@ def estimate_rows(planes: Counts, black: Array, seconds: Array, response: Respon
     seconds : (exposure, y) float
         True shutter times of each row.
     response
-        Of the sensor.
+        Response of the sensor.
     first, last
         Rows.
 
     Returns
     -------
     Merged
-        Of shape (plane, last - first, x).
+        Merged sites (plane, last - first, x).
     """
     shape = (planes.shape[1], last - first, planes.shape[3])
     merged = Merged(np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.bool_))

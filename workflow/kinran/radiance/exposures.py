@@ -88,7 +88,7 @@ def curtain(coefficients: Sequence[float], rows: int) -> Array:
     Parameters
     ----------
     coefficients
-        Of degree 1, 2, …; none for a shutter that exposes all rows alike.
+        Legendre coefficients of degree 1, 2, …; none for a shutter that exposes all rows alike.
     rows
         Their number.
     """
@@ -114,9 +114,9 @@ def curtain_of(sums: Array, response: Response) -> tuple[float, ...]:
     Parameters
     ----------
     sums : (y, 3) float
-        Of `ratio_sums`.
+        What `ratio_sums` returns.
     response
-        Of the sensor.
+        Response of the sensor.
     """
     rows = len(sums)
     bands = min(BANDS, rows // 4)
@@ -169,11 +169,11 @@ def measure(
     Parameters
     ----------
     planes, blacks
-        Of each bracket, as in `ratio_sums`.
+        Counts and black of each bracket, as `ratio_sums` takes them.
     nominal, prior
         Times, longest first: as named, and as meant.
     response
-        Of the sensor.
+        Response of the sensor.
     """
     rows, count = planes[0].shape[2], len(nominal)
     exposures = [Exposure(nominal[0], prior[0], prior[0], 0)]

@@ -16,9 +16,9 @@ def irradiance(position_mm: tuple[float, float, float], height: int, width: int,
     Parameters
     ----------
     position_mm
-        Of the lamp, from the field's centre.
+        Position of the lamp in millimetres from the field's centre.
     height, width
-        In texels.
+        Size of the picture in texels.
     field_mm
         Width of the field.
     """
@@ -32,7 +32,7 @@ def irradiance(position_mm: tuple[float, float, float], height: int, width: int,
 def level(picture: Radiance) -> float:
     """How bright a picture (y, x, 3) is: the mean of green without its darkest and its brightest tenth.
 
-    By ranks, so that it follows the lamp exactly, whatever is saturated.
+    The mean goes by ranks, so that it follows the lamp exactly, whatever is saturated.
     """
     green = np.sort(picture.value[..., 1][~picture.has(HOT)[..., 1]])
     tenth = len(green) // 10
@@ -50,13 +50,13 @@ def lamp_gains(
     Parameters
     ----------
     shots
-        Of one group.
+        Shots of one group.
     camera
-        With the white plate's photodiode and the monitors' level.
+        Camera with the white plate's photodiode and the monitors' level.
     levels
         `level` of the group's monitors, by name of the shot.
     manifest
-        To name in an error.
+        Manifest of the group, to name in an error.
 
     Raises
     ------

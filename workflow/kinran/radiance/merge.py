@@ -1,8 +1,8 @@
 """Merge one bracket to linear radiance: RAW, TIFF, PNG or JPEG frames to one EXR with its noise.
 
 Channels R G B, sigma.R sigma.G sigma.B (standard deviation; infinite where every exposure is saturated) and flags
-(1 saturated, 2 dark, 4 hot, 8 shifted). RAW is merged before any demosaic, one pixel for four sites, in counts a
-second of the camera's R, G, B; photographs in white a second, linear Rec. 709. The times come from --times, EXIF or
+(1 saturated, 2 dark, 4 hot, 8 shifted). RAW is merged before any demosaic, one pixel for four sites, in counts per
+second of the camera's R, G, B; photographs in white per second, linear Rec. 709. The times come from --times, EXIF or
 the name (…_25ms, …_1-250s), are taken as third stops where they are such, and their ratios then from the pictures.
 """
 

@@ -40,7 +40,7 @@ class RawFrame:
     seconds
         Shutter time of EXIF, which is nominal; 0 if it is not there.
     iso, aperture
-        Of EXIF; 0 if they are not there.
+        ISO and aperture of EXIF; 0 if they are not there.
     turns
         Quarter turns, counterclockwise, that bring the picture upright. The planes lie as the sensor does.
     """

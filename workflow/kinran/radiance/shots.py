@@ -67,7 +67,7 @@ class Bracket:
     turns
         Quarter turns, counterclockwise, that bring the picture upright.
     frames
-        In the order of the planes.
+        Frames in the order of the planes.
     """
 
     shot: Taken

@@ -122,7 +122,7 @@ def decoder_of(
         one of linear and sRGB under which the ratios of the exposures do not depend on the level, else ``recovered``.
         Where no pixel tells: sRGB for 8 bits, linear for more.
     paths, seconds
-        Of one bracket.
+        Files and nominal times of one bracket.
     crop
         Part to use.
     doubted
@@ -200,7 +200,7 @@ def unsteadiness(codes: NDArray[np.float32], decoder: Encoding | Curve, seconds:
     codes : (exposure, y, x, 3) float32
         Encoded values in [0, 1], longest exposure first.
     decoder
-        What is tried on them.
+        Encoding or curve that is tried on them.
     seconds : (exposure,) float
 
     Returns
