@@ -18,7 +18,6 @@ VERSION = "1"
 NEEDED = ("version", "cosine", "model", "lobes", "regions", "colour", "from_stack", "texel_mm", "source", "measured")
 COLOUR = "lin_ap1_scene"
 FRAME = "X=+u=weft, Y=+v=warp, Z=view; row 0 is v=0"
-SHAPES = {name: tuple(model.parameters) for name, model in MODELS.items()}
 
 
 @dataclass(frozen=True)
