@@ -1,5 +1,8 @@
 """Photographs become a capture; bad sets are refused before anything is written."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -136,3 +139,14 @@ def test_manifest_is_json_that_says_where_the_photographs_are(tmp_path: Path) ->
     assert main(["ingest", *of, "--fabric", "icon", "--holdout", "8", plan]) == 0
     assert main(["ingest-group", *of, "--plan", plan, "--group", "00", out]) == 0
     assert read_json(tmp_path / "00.json")["lights"] == list(range(16))
+
+
+def test_the_digest_of_ingest_holds_nothing_of_the_merge() -> None:
+    """What the module loads of the radiance: nominal times and RAW headers, no estimator and no calibration."""
+    code = (
+        "import sys, kinran.ingest, kinran.ingest_group; print(*(m for m in sys.modules if m.startswith('kinran.r')))"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
+    expected = {"kinran.radiance", *(f"kinran.radiance.{name}" for name in ("nominal", "raw", "value"))}
+    assert set(done.stdout.split()) == expected

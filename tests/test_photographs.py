@@ -13,6 +13,7 @@ from kinran.exr import write_rgb
 from kinran.files import InputError
 from kinran.lights import LpLight
 from kinran.photographs import Crop, find, parse_crop, read, size
+from kinran.radiance.value import SATURATED
 
 SRGB, LINEAR = parse("srgb"), parse("linear")
 VALUES = np.random.default_rng(1).integers(0, 256, (6, 9, 3), dtype=np.uint8)
@@ -21,8 +22,8 @@ VALUES = np.random.default_rng(1).integers(0, 256, (6, 9, 3), dtype=np.uint8)
 def test_eight_bit_png_is_decoded_exactly_and_turned_so_that_row_0_is_the_bottom(tmp_path: Path) -> None:
     Image.fromarray(VALUES).save(tmp_path / "a.png")
     photograph = read(tmp_path / "a.png", SRGB)
-    np.testing.assert_allclose(photograph.light, SRGB.decode(VALUES[::-1] / 255), atol=1e-6)
-    assert photograph.saturated.sum() == (VALUES >= 254).sum()
+    np.testing.assert_allclose(photograph.value, SRGB.decode(VALUES[::-1] / 255), atol=1e-6)
+    assert photograph.has(SATURATED).sum() == (VALUES >= 254).sum()
 
 
 @pytest.mark.parametrize("suffix", ["tif", "png"])
@@ -34,7 +35,7 @@ def test_sixteen_bit(tmp_path: Path, suffix: str) -> None:
         tifffile.imwrite(path, values)
     else:
         Image.fromarray(values).save(path)
-    light = read(path, LINEAR).light
+    light = read(path, LINEAR).value
     expected = values if values.ndim == 3 else values[..., None].repeat(3, -1)
     np.testing.assert_allclose(light, expected[::-1] / 65535, atol=1e-6)
 
@@ -43,14 +44,14 @@ def test_exr_is_taken_as_it_is(tmp_path: Path) -> None:
     image = np.random.default_rng(2).normal(size=(4, 5, 3)).astype(np.float32) * 10
     write_rgb(tmp_path / "a.exr", image)
     photograph = read(tmp_path / "a.exr", SRGB)
-    np.testing.assert_array_equal(photograph.light, image[::-1])
-    assert not photograph.saturated.any()
+    np.testing.assert_array_equal(photograph.value, image[::-1])
+    assert not photograph.flags.any()
     assert size(tmp_path / "a.exr") == (5, 4)
 
 
 def test_crop_counts_from_the_top_left(tmp_path: Path) -> None:
     Image.fromarray(VALUES).save(tmp_path / "a.png")
-    light = read(tmp_path / "a.png", LINEAR, Crop(2, 1, 4, 3)).light
+    light = read(tmp_path / "a.png", LINEAR, Crop(2, 1, 4, 3)).value
     np.testing.assert_allclose(light, VALUES[1:4, 2:6][::-1] / 255, atol=1e-6)
     with pytest.raises(InputError, match="too small for the crop 6,0,4,3"):
         read(tmp_path / "a.png", LINEAR, Crop(6, 0, 4, 3))
@@ -65,7 +66,7 @@ def test_bad_crops(text: str) -> None:
 def test_sixteen_bit_colour_png_keeps_its_bits(tmp_path: Path) -> None:
     values = np.random.default_rng(4).integers(0, 65536, (6, 9, 3), dtype=np.uint16)
     (tmp_path / "a.png").write_bytes(imagecodecs.png_encode(values))
-    np.testing.assert_allclose(read(tmp_path / "a.png", LINEAR).light, values[::-1] / 65535, atol=1e-6)
+    np.testing.assert_allclose(read(tmp_path / "a.png", LINEAR).value, values[::-1] / 65535, atol=1e-6)
 
 
 @pytest.mark.parametrize("mode", ["L", "LA", "RGBA", "P"])
@@ -73,7 +74,7 @@ def test_other_kinds_of_png(tmp_path: Path, mode: str) -> None:
     picture = Image.fromarray(VALUES).convert(mode)
     picture.save(tmp_path / "a.png")
     expected = np.asarray(picture.convert("RGB"))[::-1] / 255
-    np.testing.assert_allclose(read(tmp_path / "a.png", LINEAR).light, expected, atol=1e-6)
+    np.testing.assert_allclose(read(tmp_path / "a.png", LINEAR).value, expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "png", "tif"])

@@ -19,7 +19,8 @@ from kinran.fit import lambert
 from kinran.fit.samples import Samples
 from kinran.labels import Region, write_labels, write_regions
 from kinran.near import Under
-from kinran.stack import Light, write_metadata, write_shards
+from kinran.radiance.value import Radiance
+from kinran.stack import Light, Metadata, write_metadata, write_shards
 from kinran_bsdf.material import Material, write_material
 
 
@@ -30,10 +31,11 @@ def folder(tmp_path: Path) -> Path:
     samples = np.concatenate([tried.samples.T, tried.truth], 2)
     directions = np.concatenate([tried.samples.under.directions, tried.held.directions])
     radiance = samples.transpose(2, 0, 1).reshape(len(directions), *SHAPE, 3)
-    lights = [Light(f"l{k}", tuple(d), held_out=k >= len(tried.lights)) for k, d in enumerate(directions.tolist())]
+    named = enumerate(directions.tolist())
+    lights = tuple(Light(f"l{k}", tuple(d), held_out=k >= len(tried.lights)) for k, d in named)
     stack = tmp_path / "radiance.zarr"
-    write_shards(stack, 0, radiance, np.zeros(radiance.shape, np.uint8))
-    write_metadata(stack, lights, *SHAPE, None, "", "", "camera", np.eye(3), {"kind": "photograph"})
+    write_shards(stack, 0, Radiance.unflagged(radiance))
+    write_metadata(stack, Metadata(lights, *SHAPE, None, "", "", "camera", np.eye(3), {"kind": "photograph"}))
     labels = tried.samples.region.reshape(SHAPE)
     one = np.ones(SHAPE, np.float32)
     write_labels(tmp_path / "labels.exr", labels, one, labels, one)
@@ -123,8 +125,9 @@ def near_fabric(folder: Path) -> Path:
     positions = [np.array(light.position_mm) for light in lights]
     cosine = np.stack([geometry.directions_to(position, points)[..., 2] for position in positions])
     seen = 0.3 * (cosine * geometry.falloff(positions, points))[..., None].repeat(3, -1)
-    write_shards(stack.path, 0, seen.astype(np.float32), np.zeros(seen.shape, np.uint8))
-    write_metadata(stack.path, lights, *SHAPE, texel_mm, "", "", "camera", np.eye(3), {"kind": "photograph"})
+    write_shards(stack.path, 0, Radiance.unflagged(seen.astype(np.float32)))
+    metadata = Metadata(tuple(lights), *SHAPE, texel_mm, "", "", "camera", np.eye(3), {"kind": "photograph"})
+    write_metadata(stack.path, metadata)
     near = Fabric(folder)
     write_material(folder / "material.exr", lambertian(near.labels, near.regions, texel_mm))
     return folder

@@ -14,7 +14,8 @@ from kinran.files import InputError
 from kinran.fit.samples import SATURATED_WEIGHT
 from kinran.frames import direction
 from kinran.labels import Region, write_labels, write_regions
-from kinran.stack import HOT, SATURATED, Light, write_metadata, write_shards
+from kinran.radiance.value import HOT, SATURATED, Radiance
+from kinran.stack import Light, Metadata, write_metadata, write_shards
 
 NOISE = {
     "kind": "raw",
@@ -37,9 +38,10 @@ def fabric_of(
     radiance[:, 0, 0] *= 0.5
     flags = np.zeros(radiance.shape, np.uint8)
     flags[7, 1, 1, 0], flags[0, 2, 2, 1], flags[3, 1, 1, 0] = SATURATED, HOT, SATURATED
-    write_shards(folder / "radiance.zarr", 0, radiance, flags)
+    write_shards(folder / "radiance.zarr", 0, Radiance(radiance, flags))
     noise = {"kind": "photograph"} if encoded else NOISE
-    write_metadata(folder / "radiance.zarr", lights, 6, 10, None, encoded, "", "camera", np.eye(3), noise)
+    metadata = Metadata(tuple(lights), 6, 10, None, encoded, "", "camera", np.eye(3), noise)
+    write_metadata(folder / "radiance.zarr", metadata)
     labels = np.zeros((6, 10), np.intp) if labels is None else labels
     share = np.full(labels.shape, 0.5 if shared else 1.0, np.float32)
     write_labels(folder / "labels.exr", labels, np.ones_like(share), labels + shared, share)

@@ -7,7 +7,8 @@ import numpy as np
 from kinran.__main__ import main
 from kinran.fit.priors import Prior, Priors
 from kinran.labels import Region, write_labels, write_regions
-from kinran.stack import Light, write_metadata, write_shards
+from kinran.radiance.value import Radiance
+from kinran.stack import Light, Metadata, write_metadata, write_shards
 from kinran_bsdf.material import Material, read_material
 
 
@@ -26,10 +27,10 @@ class Cloth:
         self.folder, self.stack = folder, folder / "radiance.zarr"
         height, width = radiance.shape[1:3]
         labels = np.zeros((height, width), np.intp) if labels is None else labels
-        write_shards(self.stack, 0, radiance.astype(np.float32), np.zeros(radiance.shape, np.uint8))
-        write_metadata(
-            self.stack, lights, height, width, texel_mm, "", "", "camera", np.eye(3), {"kind": "none"}, camera_mm
-        )
+        write_shards(self.stack, 0, Radiance.unflagged(radiance.astype(np.float32)))
+        noise = {"kind": "none"}
+        metadata = Metadata(tuple(lights), height, width, texel_mm, "", "", "camera", np.eye(3), noise, camera_mm)
+        write_metadata(self.stack, metadata)
         one = np.ones((height, width), np.float32)
         write_labels(folder / "labels.exr", labels, one, labels, one)
         sizes = np.bincount(labels.ravel())

@@ -13,7 +13,8 @@ from kinran.fit import bounded, learned, slope
 from kinran.fit.samples import Samples, read_samples
 from kinran.fit.slope import Lobes
 from kinran.near import Under
-from kinran.stack import SATURATED, write_shards
+from kinran.radiance.value import SATURATED, Radiance
+from kinran.stack import write_shards
 
 COUNT = 100
 PAIR = Lobes("gaussian", 2)
@@ -110,7 +111,7 @@ def test_bounds_of_a_stack(tmp_path: Path) -> None:
     cloth = Cloth(tmp_path, seen, directions(grid(40, 3)[:4]))
     assert read_samples(Fabric(tmp_path), (0, 2, 0, 2)).bounds is None
     flags[1, 0, 1, 2] = SATURATED
-    write_shards(cloth.stack, 0, seen, flags)
+    write_shards(cloth.stack, 0, Radiance(seen, flags))
     tile = read_samples(Fabric(tmp_path), (0, 2, 0, 2))
     assert tile.bounds is not None
     expected = np.zeros((4, 4), np.float32)

@@ -12,7 +12,7 @@ from test_colour_chart import CAMERA, chart
 from kinran.encoding import parse
 from kinran.files import InputError
 from kinran.radiance import colour_chart
-from kinran.radiance.calibration import Calibration, Camera
+from kinran.radiance.calibration import CalibratedCamera, Calibration
 from kinran.radiance.chart_photograph import calibrate_colours
 from kinran.radiance.shots import Taken, read_bracket
 from kinran.radiance.uncalibrated import describe
@@ -22,7 +22,7 @@ CAST = np.array([1.25, 1.0, 0.6])
 BELIEVED = tuple(tuple(float(v) for v in row) for row in colour_chart.REC709_TO_ACESCG)
 
 
-def photographs(encoding: str, camera: Camera | None = None) -> Calibration:
+def photographs(encoding: str, camera: CalibratedCamera | None = None) -> Calibration:
     return Calibration("icon", "", 8, 8, encoding, "", camera, "linear Rec. 709", BELIEVED, ())  # type: ignore[arg-type]
 
 
@@ -88,7 +88,7 @@ def test_raw(tmp_path: Path) -> None:
     balance = np.array([2.0, 1.0, 0.7])
     camera = describe([read_bracket(shot)])
     r, g, b = (float(v) for v in 1000.0 * balance)
-    calibration = photographs("linear", Camera(**{**vars(camera), "white": (r, g, b)}))
+    calibration = photographs("linear", CalibratedCamera(**{**vars(camera), "white": (r, g, b)}))
     found = calibrate_colours(calibration, path, "", "")
     balanced = Calibration(**{**vars(found), "to_acescg": tuple(map(tuple, found.matrix / balance))})
     assert error(balanced) < 1.5

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from kinran.files import InputError
 from kinran.radiance import chart_place, colour_chart
 from kinran.radiance.chart_fit import fit_colours
-from kinran.stack import HOT, SATURATED
+from kinran.radiance.value import HOT, SATURATED, Radiance
 
 CAMERA = np.array([[0.67, 0.29, 0.04], [0.13, 0.75, 0.12], [0.02, 0.23, 0.75]])
 """ACEScg to a camera whose white is 1."""
@@ -27,15 +27,11 @@ def chart(height: int = 120, width: int = 180, seed: int = 0) -> np.ndarray:
     return (picture * (1 + 0.003 * noise)).astype(np.float32)
 
 
-def flags(picture: np.ndarray) -> np.ndarray:
-    return np.zeros(picture.shape, np.uint8)
-
-
 @pytest.mark.parametrize("quarters", [0, 1, 2, 3])
 def test_a_turned_chart(quarters: int) -> None:
     """Any way up, the matrix is the camera's to 0.02 and all patches are used."""
     picture = np.ascontiguousarray(np.rot90(chart(), quarters))
-    found = fit_colours(picture, flags(picture), "chart")
+    found = fit_colours(Radiance.unflagged(picture), "chart")
     np.testing.assert_allclose(found.matrix, np.linalg.inv(CAMERA), atol=0.02)
     assert len(found.patches) == 24
     assert np.mean(found.delta_e) < 0.5
@@ -45,13 +41,13 @@ def test_a_turned_chart(quarters: int) -> None:
 def test_a_mirrored_chart_is_refused() -> None:
     picture = np.ascontiguousarray(chart()[:, ::-1])
     with pytest.raises(InputError, match="shot 'chart': its chart is mirrored"):
-        fit_colours(picture, flags(picture), "chart")
+        fit_colours(Radiance.unflagged(picture), "chart")
 
 
 def test_no_chart_at_all() -> None:
     picture = RNG.random((60, 90, 3)).astype(np.float32)
     with pytest.raises(InputError, match=r"ΔE00 \d+.* from the chart's"):
-        fit_colours(picture, flags(picture), "chart")
+        fit_colours(Radiance.unflagged(picture), "chart")
 
 
 def in_perspective() -> tuple[np.ndarray, str]:
@@ -73,7 +69,7 @@ def in_perspective() -> tuple[np.ndarray, str]:
 
 def test_a_chart_by_its_corners() -> None:
     picture, corners = in_perspective()
-    found = fit_colours(picture, flags(picture), "chart", corners)
+    found = fit_colours(Radiance.unflagged(picture), "chart", corners)
     np.testing.assert_allclose(found.matrix, np.linalg.inv(CAMERA), atol=0.03)
     assert len(found.patches) == 24
 
@@ -81,7 +77,7 @@ def test_a_chart_by_its_corners() -> None:
 def test_a_chart_that_leaves_the_picture() -> None:
     """Its last column is cut off: those patches are left out, the others make the matrix."""
     picture, corners = chart(120, 180)[:, :150], "0,0,180,0,180,120,0,120"
-    found = fit_colours(np.ascontiguousarray(picture), flags(picture), "chart", corners)
+    found = fit_colours(Radiance.unflagged(np.ascontiguousarray(picture)), "chart", corners)
     outside = [k for k, patch in enumerate(found.chart) if patch.left_out == "outside the picture"]
     assert outside == [5, 11, 17, 23]
     np.testing.assert_allclose(found.matrix, np.linalg.inv(CAMERA), atol=0.03)
@@ -90,7 +86,7 @@ def test_a_chart_that_leaves_the_picture() -> None:
 def test_a_chart_that_has_to_be_found() -> None:
     """As it fills no picture: without its corners the detector sees it."""
     picture, _ = in_perspective()
-    found = fit_colours(picture, flags(picture), "chart")
+    found = fit_colours(Radiance.unflagged(picture), "chart")
     np.testing.assert_allclose(found.matrix, np.linalg.inv(CAMERA), atol=0.05)
 
 
@@ -102,26 +98,26 @@ def test_corners_that_are_none(text: str) -> None:
 
 def test_saturated_patches_are_left_out() -> None:
     picture = chart()
-    bits = flags(picture)
-    bits[:30, :30] |= SATURATED  # white, at the bottom left
-    bits[45, 100, 1] |= HOT
-    found = fit_colours(picture, bits, "chart")
+    seen = Radiance.unflagged(picture)
+    seen.flags[:30, :30] |= SATURATED  # white, at the bottom left
+    seen.flags[45, 100, 1] |= HOT
+    found = fit_colours(seen, "chart")
     assert {k: patch.left_out for k, patch in enumerate(found.chart) if patch.left_out} == {
         15: "on a defect of the sensor",
         18: "saturated",
     }
     assert len(found.patches) == 22
     np.testing.assert_allclose(found.matrix, np.linalg.inv(CAMERA), atol=0.02)
-    bits[:60] |= SATURATED
+    seen.flags[:60] |= SATURATED
     with pytest.raises(InputError, match="only 12 of 24 patches"):
-        fit_colours(picture, bits, "chart")
+        fit_colours(seen, "chart")
 
 
 def test_a_highlight_on_a_patch_is_left_out() -> None:
     """The failure: with it the matrix is off by 0.1; it is found by what the others predict."""
     picture = chart()
     picture[60:90, 60:90] += 0.35  # a reflection of the lamp on blue flower's neighbour
-    found = fit_colours(picture, flags(picture), "chart")
+    found = fit_colours(Radiance.unflagged(picture), "chart")
     k = 6 + 2
     assert k not in found.patches
     assert found.chart[k].left_out == "contradicted by the others"
@@ -136,7 +132,7 @@ def test_glare_is_seen_in_the_dark_patches() -> None:
     """A veil of 2 % of the mean light: found to a tenth of it, and the colours come out as without."""
     clean = chart()
     picture = (clean + 0.02 * clean.mean((0, 1))).astype(np.float32)
-    found = fit_colours(picture, flags(picture), "chart")
+    found = fit_colours(Radiance.unflagged(picture), "chart")
     assert found.glare == pytest.approx(0.02, abs=0.004)
     np.testing.assert_allclose(found.matrix, np.linalg.inv(CAMERA), atol=0.03)
 
@@ -162,10 +158,10 @@ def test_root_polynomials_only_where_they_are_better() -> None:
     """A camera whose colours bend gets them; one that is linear but for its noise does not."""
     for seed in range(4):  # by chance some of them are better by a tenth of next to nothing
         straight = chart(seed=seed)
-        assert fit_colours(straight, flags(straight), "chart").root_polynomial is None
+        assert fit_colours(Radiance.unflagged(straight), "chart").root_polynomial is None
     root = np.sqrt(np.maximum(straight * np.roll(straight, -1, -1), 0))
     bent = (0.75 * straight + 0.25 * root).astype(np.float32)
-    found = fit_colours(bent, flags(bent), "chart")
+    found = fit_colours(Radiance.unflagged(bent), "chart")
     assert found.root_polynomial is not None
     colours, _ = chart_place.patches(bent, np.ones(bent.shape[:2], bool), chart_place.whole(120, 180))
     reference = colour_chart.references()

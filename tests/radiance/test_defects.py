@@ -8,17 +8,16 @@ import pytest
 from raw_frames import BLACK, CLIP, GAIN, RATES, READ, TRUE, expose, scene, write
 
 from kinran.files import InputError
-from kinran.radiance.bracket import Response
-from kinran.radiance.calibration import Camera, Exposure
+from kinran.radiance.calibration import CalibratedCamera, Exposure, Response
 from kinran.radiance.raw import read_raw
 from kinran.radiance.shots import Bracket, Frame, Taken, read_bracket
 from kinran.radiance.superpixels import merge_sites
-from kinran.stack import HOT, SATURATED, SHIFTED
+from kinran.radiance.value import HOT, SATURATED, SHIFTED
 
 HEIGHT = 48
 EXPOSURES = tuple(Exposure(1 / rate, TRUE[rate], TRUE[rate], 1) for rate in RATES)
 RESPONSE = Response(CLIP - BLACK, GAIN, float(np.hypot(READ, 12**-0.5)))
-CAMERA = Camera((float(BLACK),) * 4, False, RESPONSE, EXPOSURES, (), (1.0, 1.0, 1.0), None, None)
+CAMERA = CalibratedCamera((float(BLACK),) * 4, False, RESPONSE, EXPOSURES, ())
 
 
 def bracket(electrons: np.ndarray, seed: int = 0) -> Bracket:
@@ -49,14 +48,14 @@ def test_hot_sites_are_seen_by_the_dark_frame_alone() -> None:
     for site in hot:
         light[site] += 6e5
     seen = merge_sites(bracket(light), CAMERA)
-    wrong = seen.rate[10, 30, 0] / (3e4 * GAIN)
+    wrong = seen.value[10, 30, 0] / (3e4 * GAIN)
     assert wrong > 15
     assert not seen.flags[10, 30, 0] & (SHIFTED | HOT)
     known = merge_sites(bracket(light), replace(CAMERA, bad=hot))
     for plane, y, x in hot:
         c = (0, 1, 1, 2)[plane]
         assert known.flags[y, x, c] & HOT
-        assert known.rate[y, x, c] == pytest.approx(3e4 * GAIN, rel=0.1)
+        assert known.value[y, x, c] == pytest.approx(3e4 * GAIN, rel=0.1)
     assert ((known.flags & HOT) > 0).sum() == len(hot)
 
 
@@ -64,7 +63,7 @@ def test_one_bad_green_leaves_the_other() -> None:
     light = cloth()
     light[1, 20, 30] = 0
     merged = merge_sites(bracket(light), replace(CAMERA, bad=((1, 20, 30),)))
-    assert merged.rate[20, 30, 1] == pytest.approx(3e4 * GAIN, rel=0.15)
+    assert merged.value[20, 30, 1] == pytest.approx(3e4 * GAIN, rel=0.15)
     assert not merged.flags[20, 30, 1] & HOT
 
 
@@ -90,7 +89,7 @@ def test_a_lamp_that_jumps_shifts_nothing() -> None:
     light = np.repeat(cloth()[None], 5, 0)
     light[2] *= 1.02
     steady, jumped = merge_sites(bracket(cloth()), CAMERA), merge_sites(bracket(light), CAMERA)
-    ratio = jumped.rate / steady.rate
+    ratio = jumped.value / steady.value
     levels = [np.median(ratio[rows, :16]) for rows in (np.s_[:10], np.s_[20:30], np.s_[38:])]
     assert np.ptp(levels) < 2e-3
     assert ((jumped.flags & SHIFTED) > 0).mean() < 1e-3
@@ -121,7 +120,7 @@ def test_nan_reaches_no_sample() -> None:
     light[:, :4] = 0
     light[:, 4:8] = 1e10
     merged = merge_sites(bracket(light), CAMERA)
-    assert np.isfinite(merged.rate).all()
+    assert np.isfinite(merged.value).all()
     assert not np.isnan(merged.sigma).any()
 
 

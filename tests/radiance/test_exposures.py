@@ -5,9 +5,11 @@ import pytest
 from raw_frames import GAIN, READ, TRUE, expose, scene
 
 from kinran.files import InputError
-from kinran.radiance.bracket import Response, ratio_sums
-from kinran.radiance.exposures import curtain, curtain_of, parse_times, third_stop, time_in_name
+from kinran.radiance.calibration import Response
+from kinran.radiance.estimator import ratio_sums
+from kinran.radiance.exposures import curtain, curtain_of, parse_times, third_stop
 from kinran.radiance.noise import measure_noise, rounding
+from kinran.radiance.nominal import time_in_name
 
 RESPONSE = Response(3470, GAIN, float(np.hypot(READ, 12**-0.5)))
 

@@ -12,7 +12,7 @@ from PIL import Image
 from kinran.__main__ import main
 from kinran.encoding import parse
 from kinran.exr import read_exr, write_exr
-from kinran.stack import DARK, SATURATED
+from kinran.radiance.value import DARK, SATURATED
 
 TIMES = (0.4, 0.1, 0.025)
 SIDE = 64

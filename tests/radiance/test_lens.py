@@ -1,6 +1,5 @@
 """Flat field, glare, curtains: faults of a camera that the calibration measures and the merge takes out."""
 
-import argparse
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
@@ -13,15 +12,14 @@ from kinran.geometry import Distances
 from kinran.grid import plan_grid
 from kinran.plans import Plan, Shot, write_plan
 from kinran.radiance import calibrate, merge_group
-from kinran.radiance.bracket import Response
-from kinran.radiance.calibration import Calibration, Camera, read_calibration, write_calibration
+from kinran.radiance.calibration import CalibratedCamera, Calibration, Response, read_calibration, write_calibration
 from kinran.radiance.exposures import curtain
 from kinran.radiance.flat import Flat, divide, fit_flat, nearest
 from kinran.radiance.glare import estimate_glare, lift, veil
 from kinran.radiance.radiometry import to_radiance
 from kinran.radiance.shots import read_bracket, read_manifest
 from kinran.radiance.superpixels import merge_bracket
-from kinran.stack import HOT, SATURATED
+from kinran.radiance.value import HOT, SATURATED, Radiance
 from kinran.virtual.sensor import CROSSTALK, Sensor
 
 CAMERA = CROSSTALK / CROSSTALK.sum(1, keepdims=True)
@@ -32,8 +30,7 @@ def calibrated(folder: Path, sensor: Sensor) -> tuple[Calibration, Plan, list[Pa
     plan = plan_grid("swatch", (0, 30, 50), 8, EXPOSURES, 4, Distances(lamp_mm=600.0, field_mm=4.8))
     write_plan(folder / "plan.json", plan)
     manifests = shoot(folder, plan, ("00", "calibration"), sensor, TEXELS)
-    arguments = {"plan": folder / "plan.json", "out": folder / "c.json", "chart_corners": "", "lamp": ""}
-    calibrate.main(argparse.Namespace(manifests=manifests, **arguments))
+    calibrate.main(calibrate.Inputs(folder / "plan.json", tuple(manifests)), folder / "c.json")
     return read_calibration(folder / "c.json"), plan, manifests
 
 
@@ -44,10 +41,10 @@ def ratio_to_truth(calibration: Calibration, plan: Plan, manifest: Path) -> tupl
     shot = next(shot for shot in shots if shot.kind == "light")
     light = plan.lights[shot.light or 0]
     assert calibration.camera is not None
-    rate, flags = merge_bracket(read_bracket(shot), calibration.camera)
-    value, flags = to_radiance(rate, flags, calibration.camera, gains[shot.shot], light.theta, light.phi)
+    picture = merge_bracket(read_bracket(shot), calibration.camera)
+    seen = to_radiance(picture, calibration.camera, gains[shot.shot], light.theta, light.phi)[..., 1]
     true = (radiance(np.radians(light.theta), np.radians(light.phi), TEXELS) @ CAMERA.T)[..., 1]
-    return np.where(flags[..., 1] & (SATURATED | HOT), np.nan, value[..., 1] / true), true
+    return np.where(seen.has(SATURATED | HOT), np.nan, seen.value / true), true
 
 
 def test_vignetting_is_divided_out(tmp_path: Path) -> None:
@@ -123,14 +120,13 @@ def test_the_nearest_flat() -> None:
 
 def test_a_flat_that_is_no_number() -> None:
     """NaN, infinity, 0 and less make no infinity, but flagged samples."""
-    rate, flags = np.ones((2, 3, 3), np.float32), np.zeros((2, 3, 3), np.uint8)
     flat = np.ones((2, 3, 3), np.float32)
     flat[0, :, 0] = np.nan, 0, -1
     flat[1, 0] = np.inf
-    value, bits = divide(rate, flags, flat)
-    assert np.isfinite(value).all()
-    assert ((bits & HOT) > 0).sum() == 6
-    np.testing.assert_array_equal(value[(bits & HOT) > 0], 0)
+    divided = divide(Radiance.unflagged(np.ones((2, 3, 3), np.float32)), flat)
+    assert np.isfinite(divided.value).all()
+    assert divided.has(HOT).sum() == 6
+    np.testing.assert_array_equal(divided.value[divided.has(HOT)], 0)
 
 
 def test_dust_on_the_plate_is_not_in_the_flat() -> None:
@@ -138,7 +134,7 @@ def test_dust_on_the_plate_is_not_in_the_flat() -> None:
     rate = (1000 * (1 + 0.005 * rng.standard_normal((64, 64, 3)))).astype(np.float32)
     rate[10:13, 40:44] *= 0.5
     rate[5, 5] = np.nan
-    flat = fit_flat(rate, np.zeros(rate.shape, np.uint8), np.ones((64, 64, 1), np.float32), 0, 0)
+    flat = fit_flat(Radiance.unflagged(rate), np.ones((64, 64, 1), np.float32), 0, 0)
     np.testing.assert_allclose(flat.values(64, 64), 1, atol=3e-3)
 
 
@@ -153,25 +149,23 @@ def test_no_glare_where_patches_only_scatter() -> None:
 def test_glare_and_its_removal_are_each_others_inverse() -> None:
     rng = np.random.default_rng(2)
     light = (10 ** rng.uniform(-3, 1, (40, 40, 3))).astype(np.float32)
-    seen = light + np.float32(0.03) * light.mean((0, 1))
-    flags = np.zeros(seen.shape, np.uint8)
-    np.testing.assert_allclose(lift(seen, flags, veil(seen, flags, 0.03)), light, rtol=1e-3, atol=1e-5)
+    seen = Radiance.unflagged(light + np.float32(0.03) * light.mean((0, 1)))
+    np.testing.assert_allclose(lift(seen, veil(seen, 0.03)).value, light, rtol=1e-3, atol=1e-5)
 
 
 def test_a_full_picture_takes_little_memory() -> None:
     """What is temporary is a strip: flat field and glare of a picture cost under half of it beyond what comes out."""
-    shape = (2400, 200, 3)
-    rate, flags = np.ones(shape, np.float32), np.zeros(shape, np.uint8)
+    picture = Radiance.unflagged(np.ones((2400, 200, 3), np.float32))
     flat = Flat(0.0, 0.0, ((1.0, *[0.0] * 13, -0.05),) * 3)
     response = Response(3470, 0.08, 1.7)
-    camera = Camera((256.0,) * 4, False, response, (), (), (1.0, 1.0, 1.0), 1.0, None, glare=0.01, flats=(flat,))
-    to_radiance(rate, flags, camera, 1.0, 0, 0)
+    camera = CalibratedCamera((256.0,) * 4, False, response, (), (), glare=0.01, flats=(flat,))
+    to_radiance(picture, camera, 1.0, 0, 0)
     tracemalloc.start()
-    radiance_, bits = to_radiance(rate, flags, camera, 1.0, 0, 0)
+    found = to_radiance(picture, camera, 1.0, 0, 0)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert peak - radiance_.nbytes - bits.nbytes < 0.5 * rate.nbytes
-    assert not bits.any()
+    assert peak - found.value.nbytes - found.flags.nbytes < 0.5 * picture.value.nbytes
+    assert not found.flags.any()
 
 
 def test_a_flat_field_in_rows_is_the_whole_one() -> None:

@@ -1,21 +1,21 @@
 """Photographs in brackets, grouped by light: from a folder with a .lp file to the stack."""
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 from raw_frames import RATES, TRUE, expose, write
+from stages import make_stack
 
 from kinran import ingest, ingest_group
 from kinran.encoding import parse
 from kinran.files import InputError
 from kinran.lights import LpLight, write_lp
 from kinran.photograph_set import Known, inspect
-from kinran.radiance import assemble, calibrate, merge_group
 from kinran.radiance.calibration import read_calibration
-from kinran.stack import SATURATED, Stack
+from kinran.radiance.value import SATURATED
+from kinran.stack import Stack
 
 COUNT, SIDE = 9, 48
 TIMES = (0.4, 0.1, 0.025)
@@ -58,20 +58,14 @@ def run(folder: Path, encoding: str = "srgb", crop: str = "") -> Stack:
     options = ingest.Options(encoding=encoding, crop=crop, fabric="set", holdout=4)
     ingest.main(ingest.Inputs(folder), plan, options)
     ingest_group.main(ingest_group.Inputs(folder, plan), manifest, "00")
-    calibration, out = folder / "calibration.json", folder / "radiance.zarr"
-    calibrate.main(
-        argparse.Namespace(plan=plan, manifests=[manifest], out=calibration, chart=None, chart_corners="", lamp="")
-    )
-    common = {"plan": plan, "calibration": calibration, "out": out}
-    merge_group.main(argparse.Namespace(manifest=manifest, receipt=folder / "00.json", **common))
-    assemble.main(argparse.Namespace(manifests=[manifest], receipts=[folder / "00.json"], holdout=4, **common))
-    return Stack.open(out)
+    return make_stack(folder, plan, manifest)
 
 
 def test_brackets_become_radiance_on_one_scale(folder: Path) -> None:
     """All lights to 1 % of one scale at all levels: 1 is white of the longest exposure."""
     stack = run(folder)
-    values, flags = stack.read_tile(0, SIDE, 0, SIDE)
+    seen = stack.read_tile(0, SIDE, 0, SIDE)
+    values, flags = seen.value, seen.flags
     assert (stack.encoding, stack.noise["kind"]) == ("", "raw")
     true = np.stack([truth(k) for k in range(COUNT)]) * 0.4
     seen = ((flags & SATURATED) == 0) & (true > 0.02)
@@ -85,7 +79,8 @@ def test_brackets_become_radiance_on_one_scale(folder: Path) -> None:
 
 def test_a_crop_is_from_the_top_left(folder: Path) -> None:
     stack = run(folder, crop="8,4,20,10")
-    values, flags = stack.read_tile(0, 10, 0, 20)
+    seen = stack.read_tile(0, 10, 0, 20)
+    values, flags = seen.value, seen.flags
     assert (stack.height, stack.width) == (10, 20)
     true = truth(3)[SIDE - 14 : SIDE - 4, 8:28] * 0.4
     seen = flags[3] == 0
@@ -108,7 +103,8 @@ def test_raw_brackets_by_light(tmp_path: Path) -> None:
         for rate in RATES[::2]:
             write(tmp_path / f"l{k}/{rate}.dng", expose(level, TRUE[rate], rng), rate)
     stack = run(tmp_path)
-    values, flags = stack.read_tile(0, 32, 0, 32)
+    seen = stack.read_tile(0, 32, 0, 32)
+    values, flags = seen.value, seen.flags
     for k, level in enumerate(levels):
         seen = flags[k, ..., 1] == 0
         expected = level.reshape(32, 2, 32, 2).mean((1, 3)) / 12.1 * TRUE[25] / 3470

@@ -12,7 +12,7 @@ from raw_frames import BLACK, CLIP, GAIN, RATES, TRUE, bracket, expose, scene, w
 from kinran.__main__ import main
 from kinran.encoding import parse
 from kinran.exr import read_exr, read_exr_with_header
-from kinran.stack import DARK, SATURATED, SHIFTED
+from kinran.radiance.value import DARK, SATURATED, SHIFTED
 
 SITES = {"R": (0, 0), "B": (1, 1)}
 

@@ -1,18 +1,17 @@
 """Photographs under lamps at known distances: what their stack holds of geometry, and that its radiance follows it."""
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tifffile
+from stages import make_stack
 
 from kinran import ingest, ingest_group
 from kinran.files import InputError
 from kinran.geometry import directions_to, falloff, texel_points
 from kinran.lights import LpLight, read_lp, write_lp
 from kinran.photograph_set import Known
-from kinran.radiance import assemble, calibrate, merge_group
 from kinran.stack import Stack
 
 WIDTH, HEIGHT, FIELD = 60, 40, 120.0
@@ -52,19 +51,12 @@ def run(folder: Path, work: Path, crop: str, lamp: float | None, camera: float |
     options = ingest.Options(**known, camera_mm=camera, fabric="set", holdout=4)
     ingest.main(ingest.Inputs(folder), plan, options)
     ingest_group.main(ingest_group.Inputs(folder, plan), manifest, "00")
-    calibration, out = work / "calibration.json", work / "radiance.zarr"
-    calibrate.main(
-        argparse.Namespace(plan=plan, manifests=[manifest], out=calibration, chart=None, chart_corners="", lamp="")
-    )
-    common = {"plan": plan, "calibration": calibration, "out": out}
-    merge_group.main(argparse.Namespace(manifest=manifest, receipt=work / "00.json", **common))
-    assemble.main(argparse.Namespace(manifests=[manifest], receipts=[work / "00.json"], holdout=4, **common))
-    return Stack.open(out)
+    return make_stack(work, plan, manifest)
 
 
 def albedo(stack: Stack) -> np.ndarray:
     """Value over what light, its falloff and its cosine explain, (light, y, x)."""
-    values, _ = stack.read_tile(0, stack.height, 0, stack.width)
+    values = stack.read_tile(0, stack.height, 0, stack.width).value
     assert stack.texel_mm is not None
     plate = texel_points(stack.height, stack.width, stack.texel_mm)
     lamps = [light.position_mm for light in stack.lights]
@@ -91,7 +83,7 @@ def test_without_distances_the_plate_is_uneven(folder: Path, tmp_path: Path) -> 
     stack = run(folder, tmp_path, "", None)
     assert all(light.position_mm is None for light in stack.lights)
     assert stack.texel_mm is None
-    values, _ = stack.read_tile(0, HEIGHT, 0, WIDTH)
+    values = stack.read_tile(0, HEIGHT, 0, WIDTH).value
     seen = values[..., 1] / stack.directions[:, 2, None, None]
     middle = seen[:, HEIGHT // 2, WIDTH // 2]
     assert middle.max() / middle.min() > 2.2

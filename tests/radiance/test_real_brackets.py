@@ -8,7 +8,8 @@ import pytest
 from kinran.__main__ import main
 from kinran.bench import merge_real
 from kinran.exr import read_exr_with_header
-from kinran.radiance.bracket import Response, estimate
+from kinran.radiance.calibration import Response
+from kinran.radiance.estimator import estimate
 from kinran.radiance.raw import read_raw
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from kinran.encoding import parse
-from kinran.radiance.bracket import Response, estimate
+from kinran.radiance.calibration import Response
+from kinran.radiance.estimator import estimate
 from kinran.radiance.response import Curve, merge_debevec, recover
 
 SECONDS = np.array([0.4, 0.1, 0.025, 0.00625])

@@ -7,58 +7,50 @@ import pytest
 import zarr
 
 from kinran.files import InputError
-from kinran.stack import (
-    DARK,
-    HOT,
-    LARGEST,
-    SATURATED,
-    Light,
-    Stack,
-    group_shards,
-    shard_path,
-    write_metadata,
-    write_shards,
-)
+from kinran.radiance.value import DARK, HOT, SATURATED, Radiance
+from kinran.shards import group_shards, shard_path
+from kinran.stack import LARGEST, Light, Metadata, Stack, write_metadata, write_shards
 
 RNG = np.random.default_rng(0)
-LIGHTS = [Light(f"l{i}", (0.0, 0.6, 0.8), (1.0, 2.0, 3.0), (1, i), i % 4 == 2) for i in range(19)]
+LIGHTS = tuple(Light(f"l{i}", (0.0, 0.6, 0.8), (1.0, 2.0, 3.0), (1, i), i % 4 == 2) for i in range(19))
 
 
-def write(folder: Path, radiance: np.ndarray, flags: np.ndarray) -> None:
-    write_shards(folder, 0, radiance[:16], flags[:16])
-    write_shards(folder, 16, radiance[16:], flags[16:])
-    height, width = radiance.shape[1:3]
-    write_metadata(folder, LIGHTS, height, width, 0.06, "srgb", "1,2,3,4", "camera", np.eye(3), {"kind": "raw"})
+def write(folder: Path, samples: Radiance) -> None:
+    write_shards(folder, 0, samples[:16])
+    write_shards(folder, 16, samples[16:])
+    height, width = samples.value.shape[1:3]
+    noise = {"kind": "raw"}
+    write_metadata(folder, Metadata(LIGHTS, height, width, 0.06, "srgb", "1,2,3,4", "camera", np.eye(3), noise))
 
 
 @pytest.fixture
-def samples() -> tuple[np.ndarray, np.ndarray]:
+def samples() -> Radiance:
     radiance = RNG.random((19, 70, 66, 3)).astype(np.float32)
     radiance[4] = 0  # an empty chunk is a chunk, too
-    return radiance, RNG.integers(0, 16, radiance.shape).astype(np.uint8)
+    return Radiance(radiance, RNG.integers(0, 16, radiance.shape).astype(np.uint8))
 
 
-def test_what_is_written_is_read(tmp_path: Path, samples: tuple[np.ndarray, np.ndarray]) -> None:
-    write(tmp_path / "s.zarr", *samples)
+def test_what_is_written_is_read(tmp_path: Path, samples: Radiance) -> None:
+    write(tmp_path / "s.zarr", samples)
     stack = Stack.open(tmp_path / "s.zarr")
-    assert stack.lights == tuple(LIGHTS)
+    assert stack.lights == LIGHTS
     assert (stack.height, stack.width, stack.texel_mm) == (70, 66, 0.06)
     assert (stack.encoding, stack.crop, stack.colour) == ("srgb", "1,2,3,4", "camera")
     np.testing.assert_array_equal(stack.held_out, [i % 4 == 2 for i in range(19)])
     covered = np.zeros((70, 66), int)
     for y0, y1, x0, x1 in stack.tiles():
-        radiance, flags = stack.read_tile(y0, y1, x0, x1)
-        assert radiance.dtype == np.float32
-        np.testing.assert_array_equal(radiance, samples[0].astype(np.float16)[:, y0:y1, x0:x1])
-        np.testing.assert_array_equal(flags, samples[1][:, y0:y1, x0:x1])
+        seen = stack.read_tile(y0, y1, x0, x1)
+        assert seen.value.dtype == np.float32
+        np.testing.assert_array_equal(seen.value, samples.value.astype(np.float16)[:, y0:y1, x0:x1])
+        np.testing.assert_array_equal(seen.flags, samples.flags[:, y0:y1, x0:x1])
         covered[y0:y1, x0:x1] += 1
     assert (covered == 1).all()
-    some, _ = stack.read_tile(3, 9, 60, 66, lights=[17, 2])
-    np.testing.assert_array_equal(some, samples[0].astype(np.float16)[[17, 2], 3:9, 60:66])
+    some = stack.read_tile(3, 9, 60, 66, lights=[17, 2]).value
+    np.testing.assert_array_equal(some, samples.value.astype(np.float16)[[17, 2], 3:9, 60:66])
 
 
-def test_the_layout_is_plain_zarr(tmp_path: Path, samples: tuple[np.ndarray, np.ndarray]) -> None:
-    write(tmp_path / "s.zarr", *samples)
+def test_the_layout_is_plain_zarr(tmp_path: Path, samples: Radiance) -> None:
+    write(tmp_path / "s.zarr", samples)
     group = zarr.open_group(tmp_path / "s.zarr", mode="r")
     assert group["radiance"].chunks == (8, 64, 64, 3)
     assert group["radiance"].shards == (8, 128, 128, 3)
@@ -68,22 +60,23 @@ def test_the_layout_is_plain_zarr(tmp_path: Path, samples: tuple[np.ndarray, np.
     assert files == sorted([*shards, "zarr.json", "radiance/zarr.json", "flags/zarr.json"])
 
 
-def test_a_shard_replaces_the_old_one_whole(tmp_path: Path, samples: tuple[np.ndarray, np.ndarray]) -> None:
-    radiance, flags = samples
-    write(tmp_path, radiance, flags)
+def test_a_shard_replaces_the_old_one_whole(tmp_path: Path, samples: Radiance) -> None:
+    write(tmp_path, samples)
     other = shard_path(tmp_path, "radiance", 1).read_bytes()
-    write_shards(tmp_path, 0, radiance[:8] + 1, flags[:8])
+    brighter = samples.with_value(samples.value + 1)
+    write_shards(tmp_path, 0, brighter[:8])
     assert shard_path(tmp_path, "radiance", 1).read_bytes() == other
-    again, _ = Stack.open(tmp_path).read_tile(0, 70, 0, 66, lights=range(8))
-    np.testing.assert_array_equal(again, (radiance[:8] + 1).astype(np.float16))
+    again = Stack.open(tmp_path).read_tile(0, 70, 0, 66, lights=range(8)).value
+    np.testing.assert_array_equal(again, brighter.value[:8].astype(np.float16))
 
 
 def test_half_floats_do_not_overflow(tmp_path: Path) -> None:
     radiance = np.full((2, 3, 3, 3), 0.5, np.float32)
     radiance[0, 0, 0] = 1e6, np.nan, -np.inf
-    write_shards(tmp_path, 0, radiance, np.zeros(radiance.shape, np.uint8))
-    write_metadata(tmp_path, LIGHTS[:2], 3, 3, None, "", "", "camera", np.eye(3), {})
-    values, flags = Stack.open(tmp_path).read_tile(0, 3, 0, 3)
+    write_shards(tmp_path, 0, Radiance.unflagged(radiance))
+    write_metadata(tmp_path, Metadata(LIGHTS[:2], 3, 3, None, "", "", "camera", np.eye(3), {}))
+    seen = Stack.open(tmp_path).read_tile(0, 3, 0, 3)
+    values, flags = seen.value, seen.flags
     np.testing.assert_array_equal(values[0, 0, 0], [LARGEST, 0, 0])
     np.testing.assert_array_equal(flags[0, 0, 0], [SATURATED, HOT, HOT])
     assert flags.sum() == SATURATED + 2 * HOT
@@ -92,15 +85,15 @@ def test_half_floats_do_not_overflow(tmp_path: Path) -> None:
 
 def test_lights_share_no_shard_with_another_job(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no whole shards"):
-        write_shards(tmp_path, 4, np.zeros((8, 2, 2, 3), np.float32), np.zeros((8, 2, 2, 3), np.uint8))
+        write_shards(tmp_path, 4, Radiance.unflagged(np.zeros((8, 2, 2, 3), np.float32)))
     assert group_shards(range(8, 21), last=20) == [1]
     assert group_shards(range(8, 21), last=None) == [1, 2]
 
 
-def test_damage_is_told(tmp_path: Path, samples: tuple[np.ndarray, np.ndarray]) -> None:
+def test_damage_is_told(tmp_path: Path, samples: Radiance) -> None:
     with pytest.raises(InputError, match="is no radiance stack"):
         Stack.open(tmp_path / "none.zarr")
-    write(tmp_path, *samples)
+    write(tmp_path, samples)
     stack = Stack.open(tmp_path)
     shard = shard_path(tmp_path, "radiance", 1)
     shard.write_bytes(shard.read_bytes()[:5000])
@@ -118,4 +111,4 @@ def test_damage_is_told(tmp_path: Path, samples: tuple[np.ndarray, np.ndarray]) 
 def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written to"):
-        write_shards(tmp_path / "file", 0, np.zeros((1, 2, 2, 3), np.float32), np.zeros((1, 2, 2, 3), np.uint8))
+        write_shards(tmp_path / "file", 0, Radiance.unflagged(np.zeros((1, 2, 2, 3), np.float32)))

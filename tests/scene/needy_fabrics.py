@@ -8,7 +8,7 @@ from kinran.exr import write_exr
 from kinran.fabric import Fabric
 from kinran.frames import direction
 from kinran.labels import Region, write_regions
-from kinran.stack import Light, write_metadata
+from kinran.stack import Light, Metadata, write_metadata
 
 ORTHOGRAPHIC = """<sensor type="orthographic">
         <transform name="to_world">
@@ -70,5 +70,6 @@ def write_fabric(folder: Path, labels: np.ndarray, texel_mm: float | None, theta
     for name, theta, held_out in (("steep", theta_max, False), ("steeper", min(theta_max + 5, 89.0), True)):
         x, y, z = direction(np.radians(theta), 0.3).tolist()
         lights.append(Light(name, (x, y, z), held_out=held_out))
-    write_metadata(folder / "radiance.zarr", lights, *labels.shape, texel_mm, "", "", "rgb", np.eye(3), {})
+    metadata = Metadata(tuple(lights), *labels.shape, texel_mm, "", "", "rgb", np.eye(3), {})
+    write_metadata(folder / "radiance.zarr", metadata)
     return Fabric(folder)

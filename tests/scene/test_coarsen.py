@@ -10,9 +10,11 @@ from kinran.exr import read_exr
 from kinran.files import InputError, write_json
 from kinran.labels import Region, read_regions, write_labels, write_regions
 from kinran.needed import read_need
-from kinran.stack import DARK, HOT, SATURATED, SHIFTED, Light, Stack, shard_path, write_metadata, write_shards
+from kinran.radiance.value import DARK, HOT, SATURATED, SHIFTED, Radiance
+from kinran.shards import shard_path
+from kinran.stack import Light, Metadata, Stack, write_metadata, write_shards
 
-LIGHTS = [Light(f"l{i}", (0.0, 0.6, 0.8), held_out=i == 2) for i in range(11)]
+LIGHTS = tuple(Light(f"l{i}", (0.0, 0.6, 0.8), held_out=i == 2) for i in range(11))
 
 
 @pytest.fixture
@@ -21,10 +23,9 @@ def fabric(tmp_path: Path) -> Path:
     radiance = np.random.default_rng(1).random((11, 70, 133, 3)).astype(np.float32)
     for first in (0, 8):
         part = radiance[first : first + 8]
-        write_shards(tmp_path / "radiance.zarr", first, part, np.zeros(part.shape, np.uint8))
-    write_metadata(
-        tmp_path / "radiance.zarr", LIGHTS, 70, 133, 0.06, "", "", "camera", np.eye(3), {}, (0.0, 0.0, 700.0)
-    )
+        write_shards(tmp_path / "radiance.zarr", first, Radiance.unflagged(part))
+    metadata = Metadata(LIGHTS, 70, 133, 0.06, "", "", "camera", np.eye(3), {}, (0.0, 0.0, 700.0))
+    write_metadata(tmp_path / "radiance.zarr", metadata)
     labels = np.repeat((np.arange(133) >= 64).astype(np.intp)[None], 70, 0)
     one = np.ones(labels.shape, np.float32)
     write_labels(tmp_path / "labels.exr", labels, one, labels, one)
@@ -45,8 +46,8 @@ def test_the_coarse_stack_is_the_mean(fabric: Path) -> None:
     fine, coarse = Stack.open(fabric / "radiance.zarr"), coarsen(fabric, 3)
     assert (coarse.height, coarse.width, coarse.texel_mm) == (23, 44, pytest.approx(0.18))
     assert (coarse.lights, coarse.camera_mm) == (fine.lights, fine.camera_mm)
-    truth = fine.read_tile(0, 69, 0, 132)[0].reshape(11, 23, 3, 44, 3, 3).mean((2, 4))
-    np.testing.assert_allclose(coarse.read_tile(0, 23, 0, 44)[0], truth, atol=1e-3)  # half floats
+    truth = fine.read_tile(0, 69, 0, 132).value.reshape(11, 23, 3, 44, 3, 3).mean((2, 4))
+    np.testing.assert_allclose(coarse.read_tile(0, 23, 0, 44).value, truth, atol=1e-3)  # half floats
     label = read_exr(fabric / "coarse" / "labels.exr")
     np.testing.assert_array_equal(label["label"][0], np.arange(44) >= 21)
     assert label["membership"][0, 21] == pytest.approx(2 / 3)
@@ -56,10 +57,10 @@ def test_the_coarse_stack_is_the_mean(fabric: Path) -> None:
 
 def test_texels_that_are_needed_stay_and_take_no_room(fabric: Path) -> None:
     fine, same = Stack.open(fabric / "radiance.zarr"), coarsen(fabric, 1)
-    np.testing.assert_array_equal(same.read_tile(0, 70, 0, 133)[0], fine.read_tile(0, 70, 0, 133)[0])
+    np.testing.assert_array_equal(same.read_tile(0, 70, 0, 133).value, fine.read_tile(0, 70, 0, 133).value)
     assert shard_path(same.path, "radiance", 1).samefile(shard_path(fine.path, "radiance", 1))
     coarsen(fabric, 2)  # nothing of the links is written through
-    assert fine.read_tile(0, 70, 0, 133)[0].shape == (11, 70, 133, 3)
+    assert fine.read_tile(0, 70, 0, 133).value.shape == (11, 70, 133, 3)
 
 
 def test_flags_say_of_a_block_what_holds_for_it() -> None:
@@ -71,9 +72,9 @@ def test_flags_say_of_a_block_what_holds_for_it() -> None:
     flags[0, 0, 7] |= SHIFTED
     radiance = np.ones((1, 2, 8, 3), np.float32)
     radiance[0, 0, 0] = 9
-    mean, bits = average(radiance, flags, 2)
-    np.testing.assert_array_equal(bits[0, 0, :, 0], [0, SATURATED, HOT, DARK | SHIFTED])
-    np.testing.assert_array_equal(mean, 1)
+    mean = average(Radiance(radiance, flags), 2)
+    np.testing.assert_array_equal(mean.flags[0, 0, :, 0], [0, SATURATED, HOT, DARK | SHIFTED])
+    np.testing.assert_array_equal(mean.value, 1)
 
 
 def test_a_texel_of_two_threads_counts_for_both() -> None:

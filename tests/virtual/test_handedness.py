@@ -1,6 +1,5 @@
 """From threads to the stack: nothing is mirrored or turned on the way."""
 
-import argparse
 from pathlib import Path
 
 import numpy as np
@@ -28,15 +27,12 @@ def test_the_figure_lands_in_its_corner(tmp_path: Path, monkeypatch: pytest.Monk
     for group, manifest in zip(plan.groups, manifests, strict=True):
         capture.main(capture.Inputs(plan_path), manifest, capture.Options(group.name, "virtual", SCENE))
     calibration, out = tmp_path / "calibration.json", tmp_path / "radiance.zarr"
-    calibrate.main(
-        argparse.Namespace(plan=plan_path, manifests=manifests, out=calibration, chart=None, chart_corners="", lamp="")
-    )
-    common = {"plan": plan_path, "calibration": calibration, "out": out}
-    merge_group.main(argparse.Namespace(manifest=manifests[0], receipt=None, **common))
-    assemble.main(argparse.Namespace(manifests=manifests, receipts=[], holdout=4, **common))
+    calibrate.main(calibrate.Inputs(plan_path, tuple(manifests)), calibration)
+    merge_group.main(merge_group.Inputs(plan_path, calibration, manifests[0]), merge_group.Outputs(out))
+    assemble.main(assemble.Inputs(plan_path, calibration, tuple(manifests)), out, assemble.Options(4))
 
     stack = Stack.open(out)
-    values, _ = stack.read_tile(0, 24, 0, 24)
+    values = stack.read_tile(0, 24, 0, 24).value
     fabric = VirtualFabric(**SCENE)
     for index, light in enumerate(plan.lights):  # every light is what was traced for it
         theta, phi = round(1000 * light.theta), round(1000 * light.phi)

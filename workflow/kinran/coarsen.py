@@ -19,19 +19,9 @@ from kinran.fabric import Fabric
 from kinran.files import InputError
 from kinran.labels import write_labels, write_regions
 from kinran.needed import read_need
-from kinran.stack import (
-    CHUNK,
-    DARK,
-    HOT,
-    NAMES,
-    SHARD,
-    Flags,
-    Image,
-    Stack,
-    shard_path,
-    write_metadata,
-    write_shards,
-)
+from kinran.radiance.value import DARK, HOT, Radiance
+from kinran.shards import NAMES, SHARD, shard_path
+from kinran.stack import CHUNK, Stack, write_metadata, write_shards
 
 Planes = NDArray[Any]
 
@@ -62,27 +52,26 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "folder of the fabric with 
     log.info("coarsen: %d x %d texels make one; %d x %d of them", factor, factor, width, height)
 
 
-def average(radiance: Image, flags: Flags, factor: int) -> tuple[Image, Flags]:
+def average(radiance: Radiance, factor: int) -> Radiance:
     """Mean of the radiance of blocks of texels; rows and columns that fill no block are left out.
 
     Parameters
     ----------
-    radiance : (light, y, x, 3) float32
-    flags : (light, y, x, 3) uint8
+    radiance : (light, y, x, 3)
         Defects take no part in the mean, and are a block's flag only where it has nothing else. A block is dark if
         all of it is; it is saturated, or moved, if any of it is.
     factor
         Texels along the side of a block.
     """
     if factor == 1:
-        return radiance, flags
-    values, bits = _blocks(radiance, factor), _blocks(flags, factor)
+        return radiance
+    values, bits = _blocks(radiance.value, factor), _blocks(radiance.flags, factor)
     sound = (bits & HOT) == 0
     weight = np.where(sound.any((2, 4), keepdims=True), sound, True).astype(np.float32)
     mean = (weight * values).sum((2, 4)) / weight.sum((2, 4))
     every = np.bitwise_and.reduce(np.bitwise_and.reduce(bits, 4), 2) & np.uint8(HOT | DARK)
     some = np.bitwise_or.reduce(np.bitwise_or.reduce(np.where(sound, bits, 0), 4), 2) & ~np.uint8(HOT | DARK)
-    return mean.astype(np.float32), (every | some).astype(np.uint8)
+    return Radiance(mean.astype(np.float32), (every | some).astype(np.uint8))
 
 
 def coarse_labels(channels: dict[str, NDArray[np.float32]], factor: int) -> dict[str, Any]:
@@ -119,36 +108,30 @@ def write_coarse(path: Path, stack: Stack, factor: int) -> None:
     """Write the coarse stack, a shard's lights at a time, its texels averaged by `average`."""
     if path.exists():
         shutil.rmtree(path)  # its shards may be of another size
-    height, width = stack.height // factor, stack.width // factor
     for first in range(0, len(stack.lights), SHARD):
         if factor == 1:
             _link(stack.path, path, first // SHARD)
         else:
-            write_shards(path, first, *_coarse_shard(stack, first, factor))
-    write_metadata(
-        path,
-        stack.lights,
-        height,
-        width,
-        stack.texel_mm and stack.texel_mm * factor,
-        stack.encoding,
-        stack.crop,
-        stack.colour,
-        stack.to_acescg,
-        stack.noise,
-        stack.camera_mm,
+            write_shards(path, first, _coarse_shard(stack, first, factor))
+    coarse = replace(
+        stack,
+        height=stack.height // factor,
+        width=stack.width // factor,
+        texel_mm=stack.texel_mm and stack.texel_mm * factor,
     )
+    write_metadata(path, coarse)
 
 
-def _coarse_shard(stack: Stack, first: int, factor: int) -> tuple[Planes, Planes]:
+def _coarse_shard(stack: Stack, first: int, factor: int) -> Radiance:
     """Coarse pictures of a shard's lights, from bands of rows."""
     lights = range(first, min(first + SHARD, len(stack.lights)))
     width = stack.width // factor * factor
     bands = range(0, stack.height // factor * factor, CHUNK * factor)
     ends = [min(y + CHUNK * factor, stack.height // factor * factor) for y in bands]
-    parts = [average(*stack.read_tile(y, end, 0, width, lights), factor) for y, end in zip(bands, ends, strict=True)]
-    radiance, flags = (np.concatenate(part, 1) for part in zip(*parts, strict=True))
-    return radiance, flags
+    parts = [average(stack.read_tile(y, end, 0, width, lights), factor) for y, end in zip(bands, ends, strict=True)]
+    return Radiance(
+        np.concatenate([part.value for part in parts], 1), np.concatenate([part.flags for part in parts], 1)
+    )
 
 
 def _link(source: Path, path: Path, shard: int) -> None:

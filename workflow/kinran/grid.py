@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from kinran.files import InputError, check_name
 from kinran.frames import direction
 from kinran.geometry import UNKNOWN, Distances, check_lengths
-from kinran.plans import SHARD, Group, Plan, PlanLight, Shot, Vector
+from kinran.plans import Group, Plan, PlanLight, Shot, Vector
 from kinran.rig.motion import AXES, SETTLE_S, move_time
+from kinran.shards import SHARD
 
 CAMERA_S = 1.0
 """Seconds that a camera needs for a frame besides its exposure: libgphoto2 alone takes 0.95 s (0.10 to set the shutter

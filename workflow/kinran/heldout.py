@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran import encoding, metrics
-from kinran.stack import HOT, SATURATED, SHIFTED, Box, Light, Stack
+from kinran.radiance.value import HOT, SATURATED, SHIFTED
+from kinran.stack import Box, Light, Stack
 
 Images = NDArray[np.float32]
 
@@ -45,11 +46,11 @@ class HeldOut:
         valid = np.zeros_like(truth)
         bad = HOT | SHIFTED | (0 if stack.encoding else SATURATED)
         for y0, y1, x0, x1 in [box] if box else stack.tiles():
-            radiance, flags = stack.read_tile(y0, y1, x0, x1, lights=use)
-            ok = ((flags & bad) == 0) & np.isfinite(radiance)
+            seen = stack.read_tile(y0, y1, x0, x1, lights=use)
+            ok = ~seen.has(bad) & np.isfinite(seen.value)
             at = np.s_[:, y0 - top : y1 - top, x0 - left : x1 - left]
             valid[at] = ok
-            truth[at] = np.where(ok, radiance, 0)
+            truth[at] = np.where(ok, seen.value, 0)
         coder = encoding.parse(stack.encoding) if stack.encoding else None
         return cls([stack.lights[i] for i in use], use, truth, valid, coder, float(np.percentile(truth, 99.9)) or 1.0)
 

@@ -216,7 +216,7 @@ def find_highlights(paths: Sequence[Path], circle: Circle) -> list[tuple[float, 
     crop = photographs.Crop(left, top, side, side)
     pictures: list[Image] = []
     for path in progress(paths, f"sphere {circle}", "photographs"):
-        light = photographs.read(path, parse("linear"), crop).light
+        light = photographs.read(path, parse("linear"), crop).value
         pictures.append(light[::-1].mean(-1))
     usual = np.median(pictures, axis=0)
     spots = []

@@ -7,10 +7,10 @@ from typing import Annotated
 from kinran import encoding, photographs
 from kinran.files import InputError
 from kinran.geometry import Distances, check_lengths
+from kinran.holdout import held_out
 from kinran.lights import LpLight, lp_file, read_lp
 from kinran.log import progress
-from kinran.radiance.exif import exif_seconds
-from kinran.radiance.exposures import time_in_name
+from kinran.radiance.nominal import nominal_seconds
 from kinran.radiance.raw import is_raw
 
 UNIT = 0.02
@@ -92,15 +92,7 @@ def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
     lights = read_lp(lp_file(folder))
     coder = encoding.parse(known.encoding)
     crop = photographs.parse_crop(known.crop)
-    held = held_out_count(len(lights), holdout)
-    if len(lights) - held < 4:
-        raise InputError(
-            f"{folder}: {len(lights)} lights with {held} held out leave {len(lights) - held} to fit; 4 are needed"
-        )
-    if holdout and not held:
-        raise InputError(
-            f"{folder}: no light of {len(lights)} is left to hold out when every {holdout}th is; give --holdout 0"
-        )
+    held_out([None] * len(lights), holdout, folder)
     found = photographs.find_frames(folder, lights)
     seconds = exposures(found)
     first, paths = found[lights[0].name][0], [path for frames in found.values() for path in frames]
@@ -153,13 +145,8 @@ def frame_seconds(frames: list[Path]) -> list[float]:
     """Nominal exposure time of each frame of a light, of EXIF or of its name; 1 for a single photograph."""
     if len(frames) == 1:
         return [1.0]
-    seconds = [round(exif_seconds(path) or time_in_name(path.stem), 9) for path in frames]
+    seconds = [round(nominal_seconds(path), 9) for path in frames]
     for path, value in zip(frames, seconds, strict=True):
         if not value:
             raise InputError(f"{path}: has no exposure time in its EXIF; rename it to {path.stem}_1-250s{path.suffix}")
     return seconds
-
-
-def held_out_count(lights: int, every: int) -> int:
-    """How many of a list of lights are held out."""
-    return sum(index % every == every // 2 for index in range(lights)) if every else 0

@@ -15,10 +15,10 @@ from kinran.exr import read_exr
 from kinran.files import InputError
 from kinran.lights import LpLight
 from kinran.radiance.raw import RAW, is_raw, raw_size
-
-Image = NDArray[np.float32]
+from kinran.radiance.value import SATURATED, Radiance
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr")
+"""Suffixes of photographs."""
 CLIPPED = 254 / 255
 """Value from which on a sample is saturated: the last code but one, since a JPEG's white is not always its last."""
 
@@ -36,21 +36,6 @@ class Crop:
 
     def __str__(self) -> str:
         return f"{self.x},{self.y},{self.width},{self.height}"
-
-
-@dataclass(frozen=True)
-class Photograph:
-    """A decoded photograph, row 0 at the bottom.
-
-    Attributes
-    ----------
-    light : (y, x, 3) float32
-        Linear light; 1 = white of the encoding. An EXR is taken as it is.
-    saturated : (y, x, 3) bool
-    """
-
-    light: Image
-    saturated: NDArray[np.bool_]
 
 
 def parse_crop(text: str) -> Crop | None:
@@ -169,8 +154,8 @@ def size(path: Path) -> tuple[int, int]:
         raise InputError(f"{path}: is not an image that can be read ({error}); replace it") from None
 
 
-def read(path: Path, encoding: Encoding, crop: Crop | None = None) -> Photograph:
-    """Decode a photograph.
+def read(path: Path, encoding: Encoding, crop: Crop | None = None) -> Radiance:
+    """Linear light (y, x, 3) of a photograph, of which 1 is the encoding's white. An EXR is taken as it is.
 
     Raises
     ------
@@ -186,9 +171,9 @@ def read(path: Path, encoding: Encoding, crop: Crop | None = None) -> Photograph
         values = values[crop.y : crop.y + crop.height, crop.x : crop.x + crop.width]
     values = values[::-1]
     if ceiling == 0:
-        return Photograph(np.ascontiguousarray(values, np.float32), np.zeros(values.shape, bool))
+        return Radiance.unflagged(np.ascontiguousarray(values, np.float32))
     scaled = values.astype(np.float32) / np.float32(ceiling)
-    return Photograph(encoding.decode(scaled), scaled >= CLIPPED)
+    return Radiance(encoding.decode(scaled), (scaled >= CLIPPED) * np.uint8(SATURATED))
 
 
 def _values(path: Path) -> tuple[NDArray[np.generic], int]:

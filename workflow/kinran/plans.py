@@ -10,11 +10,10 @@ from typing import Any, Literal, get_args
 import msgspec
 
 from kinran.files import InputError, check_name, fitted, read_json, write_json
+from kinran.shards import SHARD
 
 VERSION = 1
 """Version of a plan's file; another one is refused."""
-SHARD = 8
-"""Lights in one shard of the radiance stack."""
 LIST_GROUP = 64
 """Lights in a group of a list of photographs: eight whole shards."""
 

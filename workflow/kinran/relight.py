@@ -12,6 +12,7 @@ from kinran.exr import write_rgb
 from kinran.files import InputError
 from kinran.lights import LpLight, directions, read_lp
 from kinran.log import progress
+from kinran.radiance.value import Image
 from kinran_bsdf.material import Material, read_material
 from kinran_bsdf.relight import relight
 
@@ -48,12 +49,12 @@ def main(inputs: Inputs, out: Annotated[Path, "--out DIR", "folder for one EXR a
         print(f"{len(lights)} pictures in {out}")
 
 
-def _compare(material: Material, light: LpLight, image: photographs.Image, path: Path) -> float:
+def _compare(material: Material, light: LpLight, image: Image, path: Path) -> float:
     """PSNR of a relit picture, in the encoding of the photographs that the material was made from."""
     encoding: Encoding = parse(material.encoding or "linear")
-    truth = photographs.read(path, encoding, photographs.parse_crop(material.crop)).light
+    truth = photographs.read(path, encoding, photographs.parse_crop(material.crop)).value
     if truth.shape != image.shape:
-        truth = photographs.read(path, encoding).light
+        truth = photographs.read(path, encoding).value
     if truth.shape != image.shape:
         raise InputError(
             f"{path}: is {truth.shape[1]}x{truth.shape[0]} but the material is {image.shape[1]}x{image.shape[0]};"

@@ -44,8 +44,6 @@ def main(
     inputs: Inputs, out: Annotated[Path, "--out OUT", "folder of the results"], options: Options = Options()
 ) -> None:
     """Write the config and run Snakemake on it."""
-    if options.holdout < 0 or options.holdout == 1:
-        raise InputError(f"--holdout {options.holdout}: give 0 for none, or 2 and more")
     work = prepare(inputs, out, options)
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--directory", str(work)]
     finished = subprocess.run([*command, "--cores", str(options.cores), "--quiet", "rules"], check=False)

@@ -8,7 +8,7 @@ stack.
 import math
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from itertools import product
@@ -21,36 +21,31 @@ from numpy.typing import ArrayLike, NDArray
 
 from kinran.files import InputError, atomic
 from kinran.lights import Light as Light
+from kinran.radiance.value import HOT, SATURATED, Flags, Radiance
+from kinran.shards import NAMES, SHARD, shard_path
 
-Image = NDArray[np.float32]
-Flags = NDArray[np.uint8]
 Box = tuple[int, int, int, int]
 
-SATURATED, DARK, HOT, SHIFTED = 1, 2, 4, 8
-"""Bits of `flags`: no exposure was under saturation (the value is a lower bound); under three standard
-deviations of its noise; a defect of the sensor; the frame had moved."""
-
-SHARD, CHUNK = 8, 64
+CHUNK = 64
+"""Side of a chunk in texels: what a fit reads at a time."""
 LARGEST = float(np.finfo(np.float16).max)
-NAMES = ("radiance", "flags")
+"""Largest value that a stack holds."""
 
 
 @dataclass(frozen=True)
-class Stack:
-    """A radiance stack that can be read.
+class Metadata:
+    """What is known of a radiance stack beside its samples; it makes shards a stack.
 
     Attributes
     ----------
-    path
-        Folder.
     lights
         In the order of the stack.
     height, width
         In texels.
     texel_mm
-        Side of a texel; None when unknown.
+        Side of a texel in millimetres; None when unknown.
     encoding
-        Of the photographs that the stack was made of; empty for a stack of RAW frames, whose unit is π·T.
+        Encoding of the photographs that the stack was made of; empty for merged brackets.
     crop
         ``X,Y,W,H`` of the photographs that was used; empty for all.
     colour
@@ -59,13 +54,10 @@ class Stack:
         Stack RGB (column) to linear ACEScg.
     noise
         Parameters of the noise model.
-    unit
-        What 1 means.
     camera_mm
-        Where the camera's centre stands, from the field's centre; None when unknown.
+        Where the camera's centre stands, in millimetres from the field's centre; None when unknown.
     """
 
-    path: Path
     lights: tuple[Light, ...]
     height: int
     width: int
@@ -75,8 +67,23 @@ class Stack:
     colour: str
     to_acescg: NDArray[np.float64]
     noise: dict[str, Any]
+    camera_mm: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stack(Metadata):
+    """A radiance stack that can be read.
+
+    Attributes
+    ----------
+    path
+        Folder.
+    unit
+        What 1 means.
+    """
+
+    path: Path
     unit: str
-    camera_mm: tuple[float, float, float] | None
     _arrays: tuple[Any, Any]
 
     @classmethod
@@ -101,19 +108,13 @@ class Stack:
             if any(getattr(array, "shape", None) != shape for array in arrays):
                 raise ValueError("its arrays do not have the shape of its lights")
             return cls(
-                path,
-                lights,
-                values["height"],
-                values["width"],
-                values["texel_mm"],
-                values["encoding"],
-                values["crop"],
-                values["colour"]["name"],
-                np.array(values["colour"]["to_acescg"], float).reshape(3, 3),
-                values["noise"],
-                values["unit"],
-                msgspec.convert(values.get("camera_mm"), tuple[float, float, float] | None),
-                arrays,
+                lights=lights,
+                **{name: values[name] for name in ("height", "width", "texel_mm", "encoding", "crop", "noise", "unit")},
+                colour=values["colour"]["name"],
+                to_acescg=np.array(values["colour"]["to_acescg"], float).reshape(3, 3),
+                camera_mm=msgspec.convert(values.get("camera_mm"), tuple[float, float, float] | None),
+                path=path,
+                _arrays=arrays,
             )
         except (KeyError, ValueError, TypeError) as error:
             raise InputError(f"{path}: is damaged ({error}); make it again with `kinran stack`") from None
@@ -136,26 +137,21 @@ class Stack:
             for x in range(0, self.width, side)
         ]
 
-    def read_tile(self, y0: int, y1: int, x0: int, x1: int, lights: ArrayLike | None = None) -> tuple[Image, Flags]:
-        """Read a tile under all lights, or under those of these indices.
-
-        Returns
-        -------
-        radiance : (light, y, x, 3) float32
-        flags : (light, y, x, 3) uint8
+    def read_tile(self, y0: int, y1: int, x0: int, x1: int, lights: ArrayLike | None = None) -> Radiance:
+        """Radiance (light, y, x, 3) of a tile under all lights, or under those of these indices.
 
         Raises
         ------
         InputError
             A shard is missing or damaged.
         """
-        radiance, flags = self.read_stored(y0, y1, x0, x1, lights)
-        return radiance.astype(np.float32), flags
+        values, flags = self.read_stored(y0, y1, x0, x1, lights)
+        return Radiance(values.astype(np.float32), flags)
 
     def read_stored(
         self, y0: int, y1: int, x0: int, x1: int, lights: ArrayLike | None = None
     ) -> tuple[NDArray[np.float16], Flags]:
-        """`read_tile` in half precision, as it lies in the stack."""
+        """Values, in half precision as they lie in the stack, and flags of `read_tile`."""
         use = np.arange(len(self.lights)) if lights is None else np.asarray(lights, np.intp)
         for name, shard in product(NAMES, np.unique(use // SHARD).tolist()):
             if not shard_path(self.path, name, shard).is_file():
@@ -169,28 +165,7 @@ class Stack:
         return np.asarray(radiance, np.float16)[use - first], np.asarray(flags, np.uint8)[use - first]
 
 
-def shard_path(folder: Path, name: str, shard: int) -> Path:
-    """File of a shard of the array ``radiance`` or ``flags``."""
-    return folder / name / "c" / str(shard) / "0" / "0" / "0"
-
-
-def group_shards(lights: Sequence[int], last: int | None) -> list[int]:
-    """Shards that a group's merge writes: whole ones, but for the one with the light `last` at θ = 0.
-
-    The light at θ = 0 has shots in all groups, so that its shard is written when the stack is put together.
-
-    Parameters
-    ----------
-    lights
-        Indices of the group's lights.
-    last
-        Index of the light at θ = 0; None for photographs.
-    """
-    shards = sorted({index // SHARD for index in lights})
-    return [shard for shard in shards if last is None or shard != last // SHARD]
-
-
-def write_shards(folder: Path, first: int, radiance: Image, flags: Flags) -> list[Path]:
+def write_shards(folder: Path, first: int, radiance: Radiance) -> list[Path]:
     """Write the shards of neighbouring lights; each file appears whole.
 
     Parameters
@@ -199,21 +174,21 @@ def write_shards(folder: Path, first: int, radiance: Image, flags: Flags) -> lis
         The stack.
     first
         Index of the first light, a multiple of 8.
-    radiance : (light, y, x, 3) float
+    radiance : (light, y, x, 3)
         Values over the range of float16 are cut to it and flagged as saturated; what is not finite becomes 0,
         flagged as hot.
-    flags : (light, y, x, 3) uint8
 
     Returns
     -------
     list of Path
         The files.
     """
-    if first % SHARD or radiance.shape != flags.shape or radiance.ndim != 4 or radiance.shape[-1] != 3:
-        raise ValueError(f"{radiance.shape} and {flags.shape} from light {first} are no whole shards")
-    with ShardWriter(folder, radiance.shape[1], radiance.shape[2]) as writer:
-        for picture, bits in zip(radiance, flags, strict=True):
-            writer.add(picture, bits)
+    shape, of_flags = radiance.value.shape, radiance.flags.shape
+    if first % SHARD or shape != of_flags or len(shape) != 4 or shape[-1] != 3:
+        raise ValueError(f"{shape} and {of_flags} from light {first} are no whole shards")
+    with ShardWriter(folder, shape[1], shape[2]) as writer:
+        for k in range(shape[0]):
+            writer.add(radiance[k])
         return writer.write(first)
 
 
@@ -237,13 +212,13 @@ class ShardWriter:
             file.close()
         self._context.__exit__(*error)
 
-    def add(self, radiance: Image, flags: Flags) -> None:
-        """Add a picture (y, x, 3); values as of `write_shards`."""
-        if radiance.shape != (*self._size, 3) or flags.shape != radiance.shape:
-            raise ValueError(f"{radiance.shape} and {flags.shape} are no pictures of {self._size}")
-        for first in range(0, len(radiance), CHUNK):
-            rows = slice(first, first + CHUNK)
-            half, bits = _half(radiance[rows], flags[rows])
+    def add(self, picture: Radiance) -> None:
+        """Add a picture (y, x, 3), whose values are cut as `write_shards` says."""
+        shape, of_flags = picture.value.shape, picture.flags.shape
+        if shape != (*self._size, 3) or of_flags != shape:
+            raise ValueError(f"{shape} and {of_flags} are no pictures of {self._size}")
+        for first in range(0, len(picture.value), CHUNK):
+            half, bits = _half(picture[first : first + CHUNK])
             self._files["radiance"].write(half.tobytes())
             self._files["flags"].write(bits.tobytes())
         self._lights += 1
@@ -266,46 +241,34 @@ class ShardWriter:
         return written
 
 
-def _half(radiance: Image, flags: Flags) -> tuple[NDArray[np.float16], Flags]:
+def _half(radiance: Radiance) -> tuple[NDArray[np.float16], Flags]:
     """Values as float16 within its range, with flags for those that are outside."""
-    values = np.asarray(radiance, np.float32)
+    values, flags = np.asarray(radiance.value, np.float32), radiance.flags
     finite = np.isfinite(values)
     over = np.abs(values) > LARGEST
     bits = flags | np.where(finite, 0, HOT).astype(np.uint8) | np.where(finite & over, SATURATED, 0).astype(np.uint8)
     return np.clip(np.where(finite, values, 0), -LARGEST, LARGEST).astype(np.float16), bits
 
 
-def write_metadata(
-    folder: Path,
-    lights: Sequence[Light],
-    height: int,
-    width: int,
-    texel_mm: float | None,
-    encoding: str,
-    crop: str,
-    colour: str,
-    to_acescg: ArrayLike,
-    noise: dict[str, Any],
-    camera_mm: tuple[float, float, float] | None = None,
-) -> None:
-    """Write what makes shards a stack; parameters as the attributes of `Stack`."""
+def write_metadata(folder: Path, metadata: Metadata) -> None:
+    """Write what makes shards a stack."""
     attributes = {
-        "lights": [asdict(light) for light in lights],
-        "height": height,
-        "width": width,
-        "texel_mm": texel_mm,
-        "encoding": encoding,
-        "crop": crop,
-        "colour": {"name": colour, "to_acescg": np.asarray(to_acescg, float).tolist()},
-        "noise": noise,
-        "camera_mm": camera_mm,
-        "unit": unit_of(encoding, noise),
+        "lights": [asdict(light) for light in metadata.lights],
+        "height": metadata.height,
+        "width": metadata.width,
+        "texel_mm": metadata.texel_mm,
+        "encoding": metadata.encoding,
+        "crop": metadata.crop,
+        "colour": {"name": metadata.colour, "to_acescg": np.asarray(metadata.to_acescg, float).tolist()},
+        "noise": metadata.noise,
+        "camera_mm": metadata.camera_mm,
+        "unit": unit_of(metadata.encoding, metadata.noise),
     }
     import zarr
 
     with _scratch(folder) as scratch:
         zarr.create_group(scratch, attributes=attributes)
-        shape = (len(lights), height, width, 3)
+        shape = (len(metadata.lights), metadata.height, metadata.width, 3)
         for name, dtype in zip(NAMES, ("float16", "uint8"), strict=True):
             _create(scratch, name, shape, dtype)
         for name in (*NAMES, "."):  # the group last: with it the stack is there

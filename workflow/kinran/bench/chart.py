@@ -13,7 +13,8 @@ import numpy as np
 
 from kinran.bench import fit
 from kinran.files import InputError, write_json
-from kinran.stack import Light, write_metadata, write_shards
+from kinran.radiance.value import Radiance
+from kinran.stack import Light, Metadata, write_metadata, write_shards
 from kinran.virtual.sensor import Sensor, shutter
 from kinran_bsdf.colours import TO_REC709
 
@@ -57,7 +58,7 @@ def write_stack(scene: fit.Truth, folder: Path) -> None:
     side = fit.FABRIC.texels
     theta = np.degrees(np.arccos(np.clip(scene.lights[:, 2], -1, 1)))
     phi = np.degrees(np.arctan2(scene.lights[:, 1], scene.lights[:, 0])) % 360
-    lights = [
+    lights = tuple(
         Light(
             f"t{t:02.0f}_p{p:03.0f}",
             tuple(direction.tolist()),
@@ -65,9 +66,9 @@ def write_stack(scene: fit.Truth, folder: Path) -> None:
             held_out=bool(held),
         )
         for t, p, direction, held in zip(theta, phi, scene.lights, scene.held, strict=True)
-    ]
+    )
     images = scene.seen.reshape(len(lights), side, side, 3)
-    write_shards(folder, 0, images, np.zeros(images.shape, np.uint8))
+    write_shards(folder, 0, Radiance.unflagged(images))
     sensor = Sensor()
     noise = {
         "kind": "raw",
@@ -76,7 +77,8 @@ def write_stack(scene: fit.Truth, folder: Path) -> None:
         "saturation_counts": sensor.full_well / sensor.gain,
     }
     texel_mm = fit.FABRIC.field_mm / side
-    write_metadata(folder, lights, side, side, texel_mm, "", "", "Rec. 709", np.linalg.inv(TO_REC709), noise)
+    to_acescg = np.linalg.inv(TO_REC709)
+    write_metadata(folder, Metadata(lights, side, side, texel_mm, "", "", "Rec. 709", to_acescg, noise))
 
 
 def commands(out: Path) -> list[list[str]]:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from kinran.bench.texels import grid, microfacets, noisy, texels
 from kinran.labels import write_labels
-from kinran.stack import CHUNK, Light, ShardWriter, write_metadata
+from kinran.radiance.value import Radiance
+from kinran.stack import CHUNK, Light, Metadata, ShardWriter, write_metadata
 
 HEIGHT, WIDTH = 2592, 3888
 """Texels of the paper's camera: 10.08 megapixels."""
@@ -57,10 +58,10 @@ def measure(scratch: Path | None = None) -> dict[str, float]:
 def _write_stack(folder: Path, lights: NDArray[np.float64]) -> None:
     """A patch of facets, repeated."""
     patch = noisy(microfacets(*texels(36 * 36), lights)).transpose(2, 0, 1).reshape(len(lights), 36, 36, 3)
-    flags = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     with ShardWriter(folder, HEIGHT, WIDTH) as writer:
         for picture in patch:
-            writer.add(np.tile(picture, (HEIGHT // 36, WIDTH // 36, 1)), flags)
+            writer.add(Radiance.unflagged(np.tile(picture, (HEIGHT // 36, WIDTH // 36, 1))))
         writer.write(0)
-    named = [Light(f"light{k}", tuple(direction.tolist())) for k, direction in enumerate(lights)]
-    write_metadata(folder, named, HEIGHT, WIDTH, None, "", "", "Rec. 709", np.eye(3), {"kind": "none"})
+    named = tuple(Light(f"light{k}", tuple(direction.tolist())) for k, direction in enumerate(lights))
+    known = Metadata(named, HEIGHT, WIDTH, None, "", "", "Rec. 709", np.eye(3), {"kind": "none"})
+    write_metadata(folder, known)

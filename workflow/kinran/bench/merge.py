@@ -25,14 +25,16 @@ from kinran.bench.merge_accuracy import BLACK, CLIP, RESPONSE, SECONDS, sixteen_
 from kinran.exr import read_exr, write_rgb
 from kinran.files import write_json
 from kinran.plans import Group, Plan, PlanLight, Shot, write_plan
-from kinran.radiance.bracket import estimate_rows
-from kinran.radiance.calibration import Calibration, Camera, Exposure, write_calibration
+from kinran.radiance.calibration import CalibratedCamera, Calibration, Exposure, write_calibration
+from kinran.radiance.estimator import estimate_rows
 from kinran.radiance.flat import Flat
 from kinran.radiance.radiometry import to_radiance
 from kinran.radiance.raw import read_raw
 from kinran.radiance.shots import Bracket, Frame, Taken
 from kinran.radiance.superpixels import merge_bracket
-from kinran.stack import SHARD, Light, ShardWriter, Stack, write_metadata, write_shards
+from kinran.radiance.value import Radiance
+from kinran.shards import SHARD
+from kinran.stack import Light, Metadata, ShardWriter, Stack, write_metadata, write_shards
 from kinran.virtual.dng import write_dng
 
 REPEATS = 5
@@ -121,7 +123,7 @@ def _job(folder: Path, sites: NDArray[np.uint16], planes: NDArray[np.uint16]) ->
     shot = Taken("light", "light", 0, None, None, frames)
     nominal, black = np.array([1 / rate for rate in RATES]), np.full(5, float(BLACK))
     bracket = Bracket(shot, planes, black, False, nominal, 4095.0, 0, frames)
-    rate, flags = merge_bracket(bracket, camera)
+    picture = merge_bracket(bracket, camera)
     merging = cpu(lambda: merge_bracket(bracket, camera))
     files = {kind: [folder / f"{kind}_{k}.dng" for k in RATES] for kind in ("lossless", "plain")}
     for k, one in enumerate(sites):
@@ -131,9 +133,9 @@ def _job(folder: Path, sites: NDArray[np.uint16], planes: NDArray[np.uint16]) ->
     decoding = {kind: cpu(lambda paths=paths: [read_raw(path) for path in paths], 3) for kind, paths in files.items()}  # type: ignore[misc]
 
     def store() -> None:
-        with ShardWriter(folder / "store.zarr", *rate.shape[:2]) as writer:
+        with ShardWriter(folder / "store.zarr", *picture.value.shape[:2]) as writer:
             for _ in range(SHARD):
-                writer.add(rate, flags)
+                writer.add(picture)
             writer.write(0)
 
     return {
@@ -142,7 +144,7 @@ def _job(folder: Path, sites: NDArray[np.uint16], planes: NDArray[np.uint16]) ->
         "decode_uncompressed_cpu_s": decoding["plain"],
         "merge_over_decode": merging / decoding["lossless"],
         "merge_over_decode_uncompressed": merging / decoding["plain"],
-        "radiometry_cpu_s": cpu(lambda: to_radiance(rate, flags, camera, 1.0, 10, 0)),
+        "radiometry_cpu_s": cpu(lambda: to_radiance(picture, camera, 1.0, 10, 0)),
         "store_cpu_s": cpu(store, 1) / SHARD,
     }
 
@@ -179,7 +181,7 @@ def expose_fast(rates: NDArray[np.float64]) -> NDArray[np.uint16]:
     return out
 
 
-def bench_camera(rows: int, columns: int) -> Camera:
+def bench_camera(rows: int, columns: int) -> CalibratedCamera:
     """The calibration of the synthetic camera, with the faults that a real one has: hot sites, glare, a flat field."""
     exposures = tuple(Exposure(1 / r, float(s), float(s), 1) for r, s in zip(RATES, SECONDS, strict=True))
     rng, count = np.random.default_rng(3), round(HOT_SITES * rows * columns)
@@ -187,7 +189,7 @@ def bench_camera(rows: int, columns: int) -> Camera:
     bad = tuple((int(plane), int(y), int(x)) for plane, y, x in sites)
     flat = Flat(0.0, 0.0, ((1.0, *[0.0] * 13, -0.05),) * 3)
     black, white = (float(BLACK),) * 4, (1e6, 1e6, 1e6)
-    return Camera(black, False, RESPONSE, exposures, bad, white, 1.0, None, glare=0.005, flats=(flat,))
+    return CalibratedCamera(black, False, RESPONSE, exposures, bad, white, 1.0, glare=0.005, flats=(flat,))
 
 
 def _write(path: Path, counts: NDArray[np.uint16], seconds: Fraction, encoded: bytes | None = None) -> None:
@@ -245,18 +247,18 @@ def tile(folder: Path, height: int, width: int) -> dict[str, Any]:
     stack = folder / "tile.zarr"
     for first in range(0, TILE_LIGHTS, SHARD):
         radiance = rng.gamma(2.0, 0.2, (SHARD, height, width, 3)).astype(np.float32)
-        write_shards(stack, first, radiance, np.zeros(radiance.shape, np.uint8))
+        write_shards(stack, first, Radiance.unflagged(radiance))
         for k in range(SHARD):
             write_rgb(folder / f"light_{first + k}.exr", radiance[k].astype(np.float16).astype(np.float32))
-    lights = [Light(f"l{k}", (0.0, 0.0, 1.0)) for k in range(TILE_LIGHTS)]
-    write_metadata(stack, lights, height, width, None, "", "", "camera", np.eye(3), {})
+    lights = tuple(Light(f"l{k}", (0.0, 0.0, 1.0)) for k in range(TILE_LIGHTS))
+    write_metadata(stack, Metadata(lights, height, width, None, "", "", "camera", np.eye(3), {}))
     y, x = height // 128 * 64, width // 128 * 64
     side = min(64, height, width)
     opened = Stack.open(stack)
     opened.read_tile(0, 1, 0, 1)
 
     def from_stack() -> Any:
-        return opened.read_tile(y, y + side, x, x + side)[0]
+        return opened.read_tile(y, y + side, x, x + side).value
 
     def from_exr() -> Any:
         files = [read_exr(folder / f"light_{k}.exr") for k in range(TILE_LIGHTS)]

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm, poisson
 
-from kinran.radiance.bracket import Response, estimate
+from kinran.radiance.calibration import Response
+from kinran.radiance.estimator import estimate
 from kinran.radiance.response import Curve, merge_debevec
 
 Array = NDArray[np.float64]

@@ -13,10 +13,11 @@ import tifffile
 from numpy.typing import NDArray
 
 from kinran.radiance import colour_chart
-from kinran.radiance.bracket import MARGIN, Response, estimate_rows
-from kinran.radiance.calibration import Exposure
-from kinran.radiance.exposures import measure, row_seconds, time_in_name
+from kinran.radiance.calibration import MARGIN, Exposure, Response
+from kinran.radiance.estimator import estimate_rows
+from kinran.radiance.exposures import measure, row_seconds
 from kinran.radiance.noise import measure_noise
+from kinran.radiance.nominal import time_in_name
 
 Array = NDArray[np.float64]
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from kinran import encoding, lights, photographs, stack
 from kinran.photographs import Crop
+from kinran.radiance.value import SATURATED, Radiance
 
 Array = NDArray[np.float64]
 Images = NDArray[np.float32]
@@ -49,14 +50,15 @@ class RealSet:
 
     def write(self, folder: Path) -> None:
         """Write the radiance stack of the set."""
-        flags = np.where(self.saturated, stack.SATURATED, 0).astype(np.uint8)
-        stack.write_shards(folder, 0, self.light, flags)
-        of_stack = [
+        flags = np.where(self.saturated, SATURATED, 0).astype(np.uint8)
+        stack.write_shards(folder, 0, Radiance(self.light, flags))
+        of_stack = tuple(
             stack.Light(f"{k:04d}", (float(d[0]), float(d[1]), float(d[2])), held_out=bool(h))
             for k, (d, h) in enumerate(zip(self.directions, self.held, strict=True))
-        ]
+        )
         height, width = self.light.shape[1:3]
-        stack.write_metadata(folder, of_stack, height, width, None, self.encoding, "", "photograph", ACESCG, {})
+        known = stack.Metadata(of_stack, height, width, None, self.encoding, "", "photograph", ACESCG, {})
+        stack.write_metadata(folder, known)
 
 
 def every_eighth(count: int) -> Mask:
@@ -79,7 +81,7 @@ def _photographs(folder: Path) -> tuple[Images, Mask, Array]:
     crop = Crop((width - SIDE) // 2, (height - SIDE) // 2, SIDE, SIDE)
     read = [photographs.read(found[light.name], encoding.parse("srgb"), crop) for light in listed]
     directions = np.array([light.direction for light in listed])
-    return np.stack([r.light for r in read]), np.stack([r.saturated for r in read]), directions
+    return np.stack([r.value for r in read]), np.stack([r.has(SATURATED) for r in read]), directions
 
 
 def ball(folder: Path) -> RealSet:
@@ -87,12 +89,12 @@ def ball(folder: Path) -> RealSet:
     names = (folder / "filenames.txt").read_text(encoding="utf-8").split()
     strength = np.loadtxt(folder / "light_intensities.txt")
     read = [photographs.read(folder / name, encoding.parse("linear"), None) for name in names]
-    mask = photographs.read(folder / "mask.png", encoding.parse("linear"), None).light[..., 0] > 0.5
-    light: Images = np.stack([r.light for r in read]) / np.float32(strength[:, None, None])
+    mask = photographs.read(folder / "mask.png", encoding.parse("linear"), None).value[..., 0] > 0.5
+    light: Images = np.stack([r.value for r in read]) / np.float32(strength[:, None, None])
     light = np.asarray(light * mask[..., None] / np.percentile(light[:, mask], 99.9), np.float32)
     normals = np.load(folder / "normal_gt.npy")[::-1] * mask[..., None]
     directions = np.loadtxt(folder / "light_directions.txt")
-    saturated = np.stack([r.saturated for r in read])
+    saturated = np.stack([r.has(SATURATED) for r in read])
     return RealSet(light, saturated, directions, every_eighth(len(light)), "linear", normals)
 
 
@@ -101,7 +103,7 @@ def dense(folder: Path) -> RealSet:
     listed = np.loadtxt(folder / "lightvec.txt")
     first = np.sort(np.unique(np.round(listed, 6), axis=0, return_index=True)[1])
     read = [photographs.read(folder / f"image{k + 1:04d}.png", encoding.parse("gamma:2.2"), None) for k in first]
-    light, saturated = np.stack([r.light for r in read]), np.stack([r.saturated for r in read])
+    light, saturated = np.stack([r.value for r in read]), np.stack([r.has(SATURATED) for r in read])
     directions = listed[first] / np.linalg.norm(listed[first], axis=1, keepdims=True)
     return RealSet(light, saturated, directions, every_eighth(len(first)), "gamma:2.2")
 

@@ -16,7 +16,8 @@ from kinran.fit.solver import prepare
 from kinran.fit.solver.turn import SINGLE, turn
 from kinran.labels import LabelMap
 from kinran.near import Index, Under, join, under
-from kinran.stack import HOT, SATURATED, SHIFTED, Box, Stack
+from kinran.radiance.value import HOT, SATURATED, SHIFTED
+from kinran.stack import Box, Stack
 
 Single = NDArray[np.float32]
 Labels = NDArray[np.intp]

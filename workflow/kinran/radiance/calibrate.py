@@ -5,12 +5,12 @@ and from the repeats of θ = 0 in the manifests that are given. Every value is c
 is wrong here is wrong in everything that follows. Photographs need no more than their encoding.
 """
 
-import argparse
+import logging
 import math
-import sys
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,7 @@ from kinran.photographs import parse_crop
 from kinran.photographs import read as read_photograph
 from kinran.plans import Plan, read_plan
 from kinran.radiance import colour_chart
-from kinran.radiance.bracket import Response
-from kinran.radiance.calibration import Calibration, Camera, write_calibration
+from kinran.radiance.calibration import CalibratedCamera, Calibration, Response, write_calibration
 from kinran.radiance.chart_fit import fit_colours
 from kinran.radiance.chart_photograph import calibrate_colours
 from kinran.radiance.flat import Flat, fit_flat
@@ -42,40 +41,56 @@ from kinran.radiance.sensor import (
 from kinran.radiance.shots import FULL, Bracket, Taken, read_bracket, read_manifest, site_black
 from kinran.radiance.superpixels import merge_bracket
 from kinran.radiance.uncalibrated import decoder_of, describe
-from kinran.stack import HOT, SATURATED
+from kinran.radiance.value import HOT, SATURATED, Image
 
 Array = NDArray[np.float64]
 
 MOST_BRACKETS = 8
+"""Brackets, spread over the set, that are asked what their camera is like."""
+
+log = logging.getLogger(__name__)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the stage."""
-    parser.add_argument("--plan", type=Path, required=True, help="plan of the capture")
-    help_ = "manifests of the calibration and of other groups"
-    parser.add_argument("--manifests", type=Path, nargs="+", required=True, metavar="MANIFEST", help=help_)
-    help_ = "x,y of the chart's corners from the top left, dark skin's first, then around; without it, it is found"
-    help_ = "of photographs: one of a colour chart, taken as they are and under the same light"
-    parser.add_argument("--chart", type=Path, metavar="FILE", help=help_)
-    parser.add_argument("--chart-corners", default="", metavar="X,Y,X,Y,X,Y,X,Y", help=help_)
-    help_ = "whose spectrum lights the chart: xenon, D50, D65, A, …; without it, the chart's published colours"
-    parser.add_argument("--lamp", default="", help=help_)
-    parser.add_argument("out", type=Path, metavar="OUT", help="calibration to write (.json)")
+@dataclass(frozen=True)
+class Inputs:
+    plan: Annotated[Path, "plan of the capture (.json)"]
+    manifests: Annotated[
+        tuple[Path, ...], "--manifests MANIFEST", "manifests of the calibration and of other groups (.json)"
+    ]
+    chart: Annotated[
+        Path | None,
+        "--chart FILE",
+        "photograph of a colour chart, taken as the set is and under the same light; for photographs alone",
+    ] = None
 
 
-def main(args: argparse.Namespace) -> None:
+@dataclass(frozen=True)
+class Options:
+    chart_corners: Annotated[
+        str,
+        "--chart-corners X,Y,X,Y,X,Y,X,Y",
+        "x,y of the chart's corners from the top left, dark skin's first, then around; without it, it is found",
+    ] = ""
+    lamp: Annotated[
+        str, "whose spectrum lights the chart: xenon, D50, D65, A, …; without it, the chart's published colours"
+    ] = ""
+
+
+def main(
+    inputs: Inputs, out: Annotated[Path, "OUT", "calibration to write (.json)"], options: Options = Options()
+) -> None:
     """Write the calibration."""
-    plan = read_plan(args.plan)
-    shots = [shot for path in args.manifests for shot in read_manifest(path, plan)]
+    plan = read_plan(inputs.plan)
+    shots = [shot for path in inputs.manifests for shot in read_manifest(path, plan)]
     if plan.kind == "list":
         single = len(plan.exposures_s) == 1
         calibration = calibrate_photographs(plan, shots) if single else calibrate_brackets(plan, shots)
-        if args.chart:
-            calibration = calibrate_colours(calibration, args.chart, args.chart_corners, args.lamp)
+        if inputs.chart:
+            calibration = calibrate_colours(calibration, inputs.chart, options.chart_corners, options.lamp)
     else:
-        calibration = calibrate(plan, shots, args.chart_corners, args.lamp)
-    write_calibration(args.out, calibration)
-    print(_summary(calibration), file=sys.stderr)
+        calibration = calibrate(plan, shots, options.chart_corners, options.lamp)
+    write_calibration(out, calibration)
+    log.info(_summary(calibration))
 
 
 def calibrate_photographs(plan: Plan, shots: Sequence[Taken]) -> Calibration:
@@ -89,10 +104,20 @@ def calibrate_photographs(plan: Plan, shots: Sequence[Taken]) -> Calibration:
     if not shots or not shots[0].frames:
         raise InputError(f"plan of {plan.fabric}: no photograph is listed; ingest the folder again")
     encoding = plan.encoding or ""
-    first = read_photograph(shots[0].frames[0].path, parse(encoding), parse_crop(plan.crop)).light
-    height, width = first.shape[:2]
-    matrix, name = _rows(colour_chart.REC709_TO_ACESCG), "linear Rec. 709"
-    return Calibration(plan.fabric, plan.sha256, height, width, encoding, plan.crop, None, name, matrix, ())
+    first = read_photograph(shots[0].frames[0].path, parse(encoding), parse_crop(plan.crop))
+    height, width = first.value.shape[:2]
+    return Calibration(
+        fabric=plan.fabric,
+        plan_sha256=plan.sha256,
+        height=height,
+        width=width,
+        encoding=encoding,
+        crop=plan.crop,
+        camera=None,
+        colour="linear Rec. 709",
+        to_acescg=_rows(colour_chart.REC709_TO_ACESCG),
+        delta_e=(),
+    )
 
 
 def calibrate_brackets(plan: Plan, shots: Sequence[Taken]) -> Calibration:
@@ -128,16 +153,16 @@ def calibrate_brackets(plan: Plan, shots: Sequence[Taken]) -> Calibration:
     r, g, b = (float(unit * part) for part in balance)
     height, width = read_bracket(replace(some[0], frames=some[0].frames[:1]), decoder, crop).planes.shape[2:]
     return Calibration(
-        plan.fabric,
-        plan.sha256,
-        height,
-        width,
-        encoding,
-        plan.crop,
-        replace(camera, white=(r, g, b)),
-        name,
-        _rows(colour_chart.REC709_TO_ACESCG @ matrix),
-        (),
+        fabric=plan.fabric,
+        plan_sha256=plan.sha256,
+        height=height,
+        width=width,
+        encoding=encoding,
+        crop=plan.crop,
+        camera=replace(camera, white=(r, g, b)),
+        colour=name,
+        to_acescg=_rows(colour_chart.REC709_TO_ACESCG @ matrix),
+        delta_e=(),
         curve=decoder.light if isinstance(decoder, Curve) else (),
     )
 
@@ -175,32 +200,31 @@ def calibrate(plan: Plan, shots: Sequence[Taken], corners: str = "", lamp: str =
     flats, white = zip(*(_plate(plan, bracket, camera) for bracket in whites), strict=True)
     camera = replace(camera, flats=flats, white=white[0], photodiode=whites[0].shot.photodiode)
     height, width = dark.planes.shape[2:]
-    rate, flags = merge_bracket(colours, camera)
     pose = _pose(plan, colours)
-    seen, seen_flags = to_radiance(rate, flags, camera, 1.0, *pose)
-    seen /= _falloff(plan, *pose, height, width)
-    chart = fit_colours(seen, seen_flags, colours.shot.shot, corners, lamp)
+    seen = to_radiance(merge_bracket(colours, camera), camera, 1.0, *pose)
+    seen = seen.with_value(seen.value / _falloff(plan, *pose, height, width))
+    chart = fit_colours(seen, colours.shot.shot, corners, lamp)
     camera = replace(camera, glare=chart.glare)
     camera = replace(camera, monitor=_monitor(monitors, whites[0], camera))
     return Calibration(
-        plan.fabric,
-        plan.sha256,
-        height,
-        width,
-        "",
-        "",
-        camera,
-        "camera RGB, white balanced",
-        _rows(chart.matrix),
-        chart.delta_e,
-        chart.patches,
-        chart.root_polynomial,
+        fabric=plan.fabric,
+        plan_sha256=plan.sha256,
+        height=height,
+        width=width,
+        encoding="",
+        crop="",
+        camera=camera,
+        colour="camera RGB, white balanced",
+        to_acescg=_rows(chart.matrix),
+        delta_e=chart.delta_e,
+        patches=chart.patches,
+        root_polynomial=chart.root_polynomial,
         chart=chart.chart,
         lamp=lamp,
     )
 
 
-def _measure_camera(dark: Bracket, white: Bracket, lit: Sequence[Bracket]) -> Camera:
+def _measure_camera(dark: Bracket, white: Bracket, lit: Sequence[Bracket]) -> CalibratedCamera:
     """Darkness, saturation, noise, shutter times and bad sites."""
     black, read, hot = measure_dark(dark)
     saturation = measure_saturation(white, black)
@@ -214,7 +238,7 @@ def _measure_camera(dark: Bracket, white: Bracket, lit: Sequence[Bracket]) -> Ca
             " and shoot it again"
         )
     sites = tuple((int(k), int(y), int(x)) for k, y, x in np.argwhere(bad))
-    return Camera(black, dark.masked, response, exposures, sites, (1.0, 1.0, 1.0), None, None, prnu=prnu)
+    return CalibratedCamera(black, dark.masked, response, exposures, sites, prnu=prnu)
 
 
 def _pose(plan: Plan, bracket: Bracket) -> tuple[float, float]:
@@ -223,7 +247,7 @@ def _pose(plan: Plan, bracket: Bracket) -> tuple[float, float]:
     return shot.theta, shot.phi
 
 
-def _falloff(plan: Plan, theta: float, phi: float, height: int, width: int) -> NDArray[np.float32]:
+def _falloff(plan: Plan, theta: float, phi: float, height: int, width: int) -> Image:
     """Irradiance (y, x, 1) relative to the middle; 1 where the lamp's distance is not known."""
     if plan.lamp_mm is None or plan.field_mm is None:
         return np.ones((height, width, 1), np.float32)
@@ -238,20 +262,20 @@ def _only(shots: Sequence[Taken], kind: str) -> Taken:
     return found[0]
 
 
-def _plate(plan: Plan, bracket: Bracket, camera: Camera) -> tuple[Flat, tuple[float, float, float]]:
+def _plate(plan: Plan, bracket: Bracket, camera: CalibratedCamera) -> tuple[Flat, tuple[float, float, float]]:
     """Flat field of a white plate, and its counts a second without it, over the middle half."""
-    rate, flags = merge_bracket(bracket, camera)
-    height, width = rate.shape[:2]
+    plate = merge_bracket(bracket, camera)
+    height, width = plate.value.shape[:2]
     middle = np.s_[height // 4 : height - height // 4, width // 4 : width - width // 4]
-    good = (flags[middle] & (SATURATED | HOT)) == 0
+    good = ~plate[middle].has(SATURATED | HOT)
     if good.mean() < 0.5:
         raise InputError(
             f"shot '{bracket.shot.shot}': the white plate is saturated at every exposure; add a shorter one"
         )
     pose = _pose(plan, bracket)
     falloff = _falloff(plan, *pose, height, width)
-    flat = fit_flat(rate, flags, falloff, *pose)
-    even = rate / falloff / flat.values(height, width)
+    flat = fit_flat(plate, falloff, *pose)
+    even = plate.value / falloff / flat.values(height, width)
     r, g, b = (float(even[middle][..., k][good[..., k]].mean(dtype=float)) for k in range(3))
     if min(r, g, b) <= 0 or max(r, g, b) > 20 * min(r, g, b):
         raise InputError(
@@ -260,13 +284,13 @@ def _plate(plan: Plan, bracket: Bracket, camera: Camera) -> tuple[Flat, tuple[fl
     return flat, (r, g, b)
 
 
-def _monitor(monitors: Sequence[Bracket], white: Bracket, camera: Camera) -> float | None:
+def _monitor(monitors: Sequence[Bracket], white: Bracket, camera: CalibratedCamera) -> float | None:
     """Level of the monitors under the lamp that lit the white plate."""
     levels = []
     for bracket in monitors:
         reading = bracket.shot.photodiode
         lamp = reading / white.shot.photodiode if reading and white.shot.photodiode else 1.0
-        levels.append(level(*merge_bracket(bracket, camera)) / lamp)
+        levels.append(level(merge_bracket(bracket, camera)) / lamp)
     return float(np.median(levels)) if levels else None
 
 

@@ -1,6 +1,7 @@
 """Colours from the picture of a chart: where it lies, which patches can be used, and the matrix that they give."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,12 +10,16 @@ from kinran.files import InputError
 from kinran.radiance import chart_place, colour_chart
 from kinran.radiance.calibration import Patch
 from kinran.radiance.glare import estimate_glare
-from kinran.stack import HOT, SATURATED
+from kinran.radiance.value import HOT, SATURATED, Radiance
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 MOST_DELTA_E = 6.0
+"""A median ΔE00 over this is that of no chart: real patches in three narrow bands of light have 5.1 on average
+(``kinran bench merge --data``)."""
 LEAST_PATCHES = 15
+"""Patches that are enough for a fit: over twice the six terms of a root polynomial."""
 ROOT_GAIN, LEAST_GAIN = 0.9, 0.1
 """Root polynomials are taken where their leave-one-out ΔE00 is under this share of the matrix's, and lower by this."""
 
@@ -22,9 +27,30 @@ TURNS = 4
 """Turns of fitting the matrix and finding the white that it needs."""
 
 
+class Found(NamedTuple):
+    """A chart in a picture.
+
+    Attributes
+    ----------
+    colours : (24, 3) float
+        Mean of each patch.
+    seen : (24,) bool
+        Patches that are in the picture and neither saturated nor on a defect.
+    error
+        Median ΔE00 of the patches, each left out of the fitted matrix in turn; infinite where too few are seen.
+    place
+        Where it lies.
+    """
+
+    colours: Array
+    seen: Mask
+    error: float
+    place: chart_place.Place
+
+
 @dataclass(frozen=True)
 class Chart:
-    """What a colour chart says; attributes as of `Calibration`, and the glare of `Camera`."""
+    """What a colour chart says; attributes as `Calibration` has them, and the glare as `CalibratedCamera` does."""
 
     matrix: Array
     chart: tuple[Patch, ...]
@@ -42,20 +68,13 @@ class Chart:
         return tuple(self.chart[k].delta_e for k in self.patches)
 
 
-def fit_colours(
-    picture: NDArray[np.float32],
-    flags: NDArray[np.uint8],
-    shot: str,
-    corners: str = "",
-    lamp: str = "",
-    greys: bool = False,
-) -> Chart:
+def fit_colours(picture: Radiance, shot: str, corners: str = "", lamp: str = "", greys: bool = False) -> Chart:
     """Colours of a chart.
 
     Parameters
     ----------
-    picture, flags : (y, x, 3)
-        Relative to white, or `greys`.
+    picture : (y, x, 3)
+        The chart, in light relative to white; on any scale where `greys`.
     shot
         To name in an error.
     corners, lamp
@@ -68,9 +87,8 @@ def fit_colours(
     InputError
         The chart is not found, too few patches can be used, or their colours are not those of the chart.
     """
-    usable = (flags & (SATURATED | HOT)).max(-1) == 0
     reference = colour_chart.references(lamp)
-    colours, seen, error, place = find_chart(picture, usable, reference, corners, greys)
+    colours, seen, error, place = find_chart(picture, reference, corners, greys)
     if seen.sum() < LEAST_PATCHES:
         raise InputError(f"shot '{shot}': only {seen.sum()} of 24 patches can be used; shoot the chart again")
     if error > MOST_DELTA_E:
@@ -80,14 +98,11 @@ def fit_colours(
         )
     if place.mirrored:
         raise InputError(f"shot '{shot}': its chart is mirrored; give pictures as the camera takes them")
-    balance = _grey_balance(colours, reference, seen) if greys else np.ones(3)
-    for _ in range(TURNS if greys else 0):  # the grey patches have a tint, which the camera sees otherwise
-        matrix = colour_chart.fit_matrix((colours * balance)[seen], reference[seen])
-        balance = _grey_balance(colours, reference @ np.linalg.inv(matrix).T, seen)
-    colours, picture = colours * balance, picture * balance.astype(np.float32)
+    balance = _greys_as_white(colours, reference, seen) if greys else np.ones(3)
+    colours, light = colours * balance, picture.value * balance.astype(np.float32)
     grey = np.flatnonzero(seen)[np.flatnonzero(seen) >= colour_chart.GREYS.start]
-    glare = estimate_glare(colours[grey].mean(1), reference[grey].mean(1), float(picture.mean()))
-    colours = colours - glare / (1 + glare) * picture.mean((0, 1), dtype=float)
+    glare = estimate_glare(colours[grey].mean(1), reference[grey].mean(1), float(light.mean()))
+    colours = colours - glare / (1 + glare) * light.mean((0, 1), dtype=float)
     used = seen.copy()
     used[seen] = ~colour_chart.outliers(colours[seen], reference[seen])
     linear, bent = (colour_chart.held_out_errors(colours, reference, used, degree) for degree in (1, 2))
@@ -95,7 +110,7 @@ def fit_colours(
     better = bent[used].mean() < min(ROOT_GAIN * linear[used].mean(), linear[used].mean() - LEAST_GAIN)
     polynomial = colour_chart.fit_matrix(colours[used], reference[used], 2) if better else None
     shown = colour_chart.apply(matrix, colour_chart.scale(colours[used], reference[used]) * colours)
-    reasons = _reasons(picture, flags, place, seen, used)
+    reasons = _reasons(picture, place, seen, used)
     patches = [
         Patch(_triple(a), _triple(b), round(float(e), 4), round(float(f), 4), why)
         for a, b, e, f, why in zip(shown, reference, linear, bent, reasons, strict=True)
@@ -104,58 +119,59 @@ def fit_colours(
     return Chart(matrix * balance, tuple(patches), None if root is None else tuple(map(tuple, root.tolist())), glare)
 
 
-def _grey_balance(colours: Array, expected: Array, seen: NDArray[np.bool_]) -> Array:
+def _greys_as_white(colours: Array, reference: Array, seen: Mask) -> Array:
+    """(3,) balance under which the grey patches are neutral, but for their tint as this camera sees it."""
+    balance = _grey_balance(colours, reference, seen)
+    for _ in range(TURNS):
+        matrix = colour_chart.fit_matrix((colours * balance)[seen], reference[seen])
+        balance = _grey_balance(colours, reference @ np.linalg.inv(matrix).T, seen)
+    return balance
+
+
+def _grey_balance(colours: Array, expected: Array, seen: Mask) -> Array:
     """(3,) what brings the grey patches that are seen to what is expected of them; 1 of green."""
     grey = seen & (np.arange(len(seen)) >= colour_chart.GREYS.start)
     level = (colours[grey] * expected[grey]).sum(0) / np.maximum((colours[grey] ** 2).sum(0), 1e-12)
     return np.asarray(level / level[1]) if grey.any() else np.ones(3)
 
 
-def _reasons(
-    picture: NDArray[np.float32],
-    flags: NDArray[np.uint8],
-    place: chart_place.Place,
-    seen: NDArray[np.bool_],
-    used: NDArray[np.bool_],
-) -> list[str]:
+def _reasons(picture: Radiance, place: chart_place.Place, seen: Mask, used: Mask) -> list[str]:
     """Why each patch is left out; empty where it is used."""
-    full, hot = (
-        ~chart_place.patches(picture, (flags & bit).max(-1) == 0, place)[1] & ~seen for bit in (SATURATED, HOT)
-    )
-    conditions = [used, seen, ~chart_place.patches(picture, np.ones(flags.shape[:2], bool), place)[1], full, hot]
+
+    def free_of(bits: int) -> Mask:
+        return chart_place.patches(picture.value, ~picture.texels_with(bits), place)[1]
+
+    conditions = [used, seen, ~free_of(0), ~free_of(SATURATED) & ~seen, ~free_of(HOT) & ~seen]
     reasons = ["", "contradicted by the others", "outside the picture", "saturated", "on a defect of the sensor"]
     return [str(why) for why in np.select(conditions, reasons, "")]
 
 
-def find_chart(
-    picture: NDArray[np.float32], usable: NDArray[np.bool_], reference: Array, corners: str, greys: bool = False
-) -> tuple[Array, NDArray[np.bool_], float, chart_place.Place]:
-    """Patches of a chart, which of them can be used, their median ΔE00, and the place: the way up that fits best.
+def find_chart(picture: Radiance, reference: Array, corners: str, greys: bool = False) -> Found:
+    """Find a chart, and the way up that fits best.
 
-    By its corners; else as if it filled the picture; else where the detector sees it.
+    It lies where its corners say; else it is looked for as if it filled the picture, else where the detector sees it.
     """
-    height, width = usable.shape
+    height, width = picture.value.shape[:2]
     place = chart_place.parse_corners(corners, height) if corners else chart_place.whole(height, width)
-    best = _best_way_up(picture, usable, reference, place, greys)
-    if best[2] >= MOST_DELTA_E and not corners:
-        seen = chart_place.find(picture)
+    best = _best_way_up(picture, reference, place, greys)
+    if best.error >= MOST_DELTA_E and not corners:
+        seen = chart_place.find(picture.value)
         if seen is not None:
-            best = min(best, _best_way_up(picture, usable, reference, seen, greys), key=lambda found: found[2])
+            best = min(best, _best_way_up(picture, reference, seen, greys), key=lambda found: found.error)
     return best
 
 
-def _best_way_up(
-    picture: NDArray[np.float32], usable: NDArray[np.bool_], reference: Array, place: chart_place.Place, greys: bool
-) -> tuple[Array, NDArray[np.bool_], float, chart_place.Place]:
+def _best_way_up(picture: Radiance, reference: Array, place: chart_place.Place, greys: bool) -> Found:
+    usable = ~picture.texels_with(SATURATED | HOT)
     found = []
     for quarters in range(4):
         turned = place.turned(quarters)
-        colours, seen = chart_place.patches(picture, usable, turned)
+        colours, seen = chart_place.patches(picture.value, usable, turned)
         enough = seen.sum() >= LEAST_PATCHES
         balanced = colours * _grey_balance(colours, reference, seen) if greys else colours
         errors = colour_chart.leave_one_out(balanced[seen], reference[seen]) if enough else np.array([np.inf])
-        found.append((colours, seen, float(np.median(errors)), turned))
-    return min(found, key=lambda one: one[2])
+        found.append(Found(colours, seen, float(np.median(errors)), turned))
+    return min(found, key=lambda one: one.error)
 
 
 def _triple(colour: Array) -> tuple[float, float, float]:

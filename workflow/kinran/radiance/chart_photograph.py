@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kinran.encoding import Encoding, parse
 from kinran.photographs import read as read_photograph
@@ -13,13 +12,10 @@ from kinran.radiance.calibration import Calibration
 from kinran.radiance.chart_fit import fit_colours
 from kinran.radiance.raw import is_raw, read_raw
 from kinran.radiance.response import Curve
-from kinran.stack import SATURATED
-
-Image = NDArray[np.float32]
-Flags = NDArray[np.uint8]
+from kinran.radiance.value import SATURATED, Radiance
 
 LARGEST = 1200
-"""Pixels along the longer side that a chart is looked for in."""
+"""Pixels along the longer side of the picture in which a chart is looked for: the detector's time grows with them."""
 
 
 def calibrate_colours(calibration: Calibration, path: Path, corners: str, lamp: str) -> Calibration:
@@ -41,9 +37,9 @@ def calibrate_colours(calibration: Calibration, path: Path, corners: str, lamp: 
     InputError
         The photograph cannot be read, or as of `fit_colours`.
     """
-    picture, flags = _read(path, calibration)
-    step = math.ceil(max(picture.shape[:2]) / LARGEST)
-    chart = fit_colours(*_smaller(picture, flags, step), path.name, _over(corners, step), lamp, greys=True)
+    picture = _read(path, calibration)
+    step = math.ceil(max(picture.value.shape[:2]) / LARGEST)
+    chart = fit_colours(_smaller(picture, step), path.name, _over(corners, step), lamp, greys=True)
     return replace(
         calibration,
         colour="camera RGB, by a colour chart",
@@ -56,28 +52,30 @@ def calibrate_colours(calibration: Calibration, path: Path, corners: str, lamp: 
     )
 
 
-def _read(path: Path, calibration: Calibration) -> tuple[Image, Flags]:
-    """Light (y, x, 3) in the stack's RGB but for its scale, row 0 at the bottom, and flags."""
+def _read(path: Path, calibration: Calibration) -> Radiance:
+    """Light (y, x, 3) in the stack's RGB but for its scale, row 0 at the bottom."""
     if is_raw(path):
         raw = read_raw(path)
         sites = raw.planes.astype(np.float32) - np.float32(raw.black)
         light = np.stack([sites[0], (sites[1] + sites[2]) / 2, sites[3]], -1)
         full = calibration.camera.response.clip if calibration.camera else raw.white - raw.black
         over = np.stack([sites[0], np.maximum(sites[1], sites[2]), sites[3]], -1) > full
+        picture = Radiance(light, over * np.uint8(SATURATED))
     else:
         decoder: Encoding | Curve = Curve(calibration.curve) if calibration.curve else parse(calibration.encoding)
-        photograph = read_photograph(path, parse("linear"))
-        light, over = np.asarray(decoder.decode(photograph.light), np.float32), photograph.saturated
+        picture = read_photograph(path, parse("linear"))
+        picture = picture.with_value(np.asarray(decoder.decode(picture.value), np.float32))
     white = np.array(calibration.camera.white, np.float32) if calibration.camera else np.ones(3, np.float32)
-    return light / (white / white[1]), over * np.uint8(SATURATED)
+    return picture.with_value(picture.value / (white / white[1]))
 
 
-def _smaller(picture: Image, flags: Flags, step: int) -> tuple[Image, Flags]:
+def _smaller(picture: Radiance, step: int) -> Radiance:
     """Means of blocks from the top left, flagged where one of their pixels is."""
-    height, width = (side // step * step for side in picture.shape[:2])
+    height, width = (side // step * step for side in picture.value.shape[:2])
     blocks = (height // step, step, width // step, step, 3)
-    light, bits = (part[part.shape[0] - height :, :width].reshape(blocks) for part in (picture, flags))
-    return light.mean((1, 3)), np.bitwise_or.reduce(np.bitwise_or.reduce(bits, 3), 1)
+    whole = picture[len(picture.value) - height :, :width]
+    flags = np.bitwise_or.reduce(np.bitwise_or.reduce(whole.flags.reshape(blocks), 3), 1)
+    return Radiance(whole.value.reshape(blocks).mean((1, 3)), flags)
 
 
 def _over(corners: str, step: int) -> str:

@@ -13,7 +13,9 @@ Image = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 LEAST_PIXELS = 1
+"""A patch with fewer pixels in its middle takes those that are nearest to it."""
 DISPLAY = 2.2
+"""Gamma under which the detector is shown a picture: it was made for photographs."""
 
 
 @dataclass(frozen=True)

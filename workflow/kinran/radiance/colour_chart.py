@@ -11,6 +11,7 @@ from kinran.files import InputError
 Array = NDArray[np.float64]
 
 ROWS, COLUMNS = 4, 6
+"""Patches of the chart."""
 INSIDE = 0.4
 """Share of a patch's cell, along each side, that is measured."""
 
@@ -52,8 +53,11 @@ PATCHES = [
 ]
 """Row by row."""
 LAMPS = {"xenon": "Kinoton 75P"}
+"""Light sources of colour-science that go by another name here: a xenon projector, as it was measured."""
 GREYS = slice(18, 24)
+"""The patches from white to black."""
 MOST_EXCLUDED = 3
+"""Most patches that are left out because the others contradict them."""
 
 
 def references(lamp: str = "") -> Array:

@@ -1,7 +1,6 @@
 """Shutter times: what a camera means by 1/25 s, and what the pictures say of it."""
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -11,8 +10,8 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from kinran.files import InputError
-from kinran.radiance.bracket import Response, ratio_sums
-from kinran.radiance.calibration import Exposure
+from kinran.radiance.calibration import Exposure, Response
+from kinran.radiance.estimator import ratio_sums
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.uint16]
@@ -24,15 +23,15 @@ DIAL = (
 )
 """Times in thirds of a stop, as cameras name them."""
 NAMED = 0.006
-"""A time that is as close to one of the dial is meant by it."""
+"""A time that is as close, relative, to one of the dial is meant by it."""
 DEGREE = 3
-"""Of the polynomial for the travel of the curtains."""
+"""Degree of the polynomial for the travel of the curtains."""
 BANDS = 16
+"""Bands of rows that the polynomial is fitted to: four for each of its coefficients."""
 LEAST_IN_BAND = 50
+"""Lit sites that a band needs to tell its ratio."""
 LEAST_SITES = 100
 """Sites that are enough to tell the ratio of two exposures, if its noise is under 1 %."""
-
-IN_NAME = re.compile(r"_(?:(1)-(\d+)|(\d+(?:\.\d+)?)(m?))s(?=_|$)")
 
 
 @dataclass(frozen=True)
@@ -81,15 +80,6 @@ def parse_times(text: str) -> list[float]:
         if not 0 < times[-1] < 1e5:
             raise InputError(f"times '{text}': '{word}' is not a time over 0 s")
     return times
-
-
-def time_in_name(stem: str) -> float:
-    """Seconds in a file's name: ``cloth_25ms``, ``cloth_0.004s_2``, ``cloth_1-250s``; 0 if there are none."""
-    found = IN_NAME.search(stem)
-    if not found:
-        return 0.0
-    one, whole, number, milli = found.groups()
-    return 1 / float(whole) if one else float(number) * (1e-3 if milli else 1.0)
 
 
 def curtain(coefficients: Sequence[float], rows: int) -> Array:

@@ -7,13 +7,12 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from kinran.stack import HOT, SATURATED
+from kinran.radiance.value import HOT, SATURATED, Image, Radiance
 
-Image = NDArray[np.float32]
-Flags = NDArray[np.uint8]
 Array = NDArray[np.float64]
 
 DEGREE = 4
+"""Degree of the surface: the light of a lens falls with the fourth power of the cosine of the field angle."""
 PAIRS = tuple((i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i))
 """Degrees in y and x of the products."""
 MOST_TEXELS = 100_000
@@ -48,27 +47,28 @@ class Flat:
         return np.asarray(np.stack([along_y[rows] @ part @ along_x.T for part in grid], -1), np.float32)
 
 
-def fit_flat(rate: Image, flags: Flags, irradiance: Image, theta: float, phi: float) -> Flat:
+def fit_flat(plate: Radiance, irradiance: Image, theta: float, phi: float) -> Flat:
     """Flat field of a merged white plate: a smooth surface, by least squares without dust and defects.
 
     Parameters
     ----------
-    rate : (y, x, 3) float32
-    flags : (y, x, 3) uint8
+    plate : (y, x, 3)
+        The merged white plate.
     irradiance : (y, x, 1) float32
         What the lamp's distance explains, which is no fault of the lens.
     theta, phi
         Direction of the lamp in degrees.
     """
-    height, width = rate.shape[:2]
+    height, width = plate.value.shape[:2]
     step = max(1, round((height * width / MOST_TEXELS) ** 0.5))
-    some = np.s_[::step, ::step]
+    some, far = plate[::step, ::step], irradiance[::step, ::step, 0]
+    sound = ~some.has(SATURATED | HOT)
     basis = _basis(height, width, step)
     middle = _basis(1, 1)[0]
     coefficients = []
     for c in range(3):
-        value = (rate[..., c][some] / irradiance[..., 0][some]).ravel().astype(float)
-        use = (flags[..., c][some].ravel() & (SATURATED | HOT) == 0) & np.isfinite(value)
+        value = (some.value[..., c] / far).ravel().astype(float)
+        use = sound[..., c].ravel() & np.isfinite(value)
         solution = np.zeros(basis.shape[1])
         for _ in range(4):
             solution = np.linalg.lstsq(basis[use], value[use], rcond=None)[0]
@@ -89,11 +89,11 @@ def nearest(flats: tuple[Flat, ...], theta: float, phi: float) -> Flat | None:
     return min(flats, key=between, default=None)
 
 
-def divide(rate: Image, flags: Flags, flat: Image) -> tuple[Image, Flags]:
+def divide(picture: Radiance, flat: Image) -> Radiance:
     """Picture (y, x, 3) over its flat field; where that is no number or too small, 0 and flagged as a defect."""
     good = np.isfinite(flat) & (flat > LEAST)
-    value = np.where(good, rate / np.where(good, flat, 1), 0)
-    return value.astype(np.float32), flags | np.where(good, 0, HOT).astype(np.uint8)
+    value = np.where(good, picture.value / np.where(good, flat, 1), 0)
+    return Radiance(value.astype(np.float32), picture.flags | np.where(good, 0, HOT).astype(np.uint8))
 
 
 def _basis(height: int, width: int, step: int = 1) -> Array:

@@ -3,10 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.stack import HOT, SATURATED
+from kinran.radiance.value import HOT, SATURATED, Image, Radiance
 
-Image = NDArray[np.float32]
-Flags = NDArray[np.uint8]
 Array = NDArray[np.float64]
 
 SURE = 3.0
@@ -44,22 +42,23 @@ def estimate_glare(grey: Array, reflectance: Array, mean: float) -> float:
     return float(veil * scale / mean)
 
 
-def veil(rate: Image, flags: Flags, share: float) -> Image:
+def veil(picture: Radiance, share: float) -> Image:
     """(3,) light of a veil of this share of the mean light of a picture (y, x, 3), channel by channel.
 
     The lens sees `light + share · mean(light)`, so that the mean of what it shows is (1 + share) times that of light.
     """
     if not share:
         return np.zeros(3, np.float32)
-    height, width, _ = rate.shape
-    hot = (flags & HOT) > 0
-    total = rate.reshape(height, -1).sum(0, dtype=float).reshape(width, 3).sum(0)  # along rows: three times as fast
+    height, width, _ = picture.value.shape
+    hot = picture.has(HOT)
+    along = picture.value.reshape(height, -1).sum(0, dtype=float)  # rows first: three times as fast
+    total = along.reshape(width, 3).sum(0)
     channel = np.nonzero(hot)[2]
-    total -= np.bincount(channel, rate[hot], 3)
+    total -= np.bincount(channel, picture.value[hot], 3)
     means = total / (height * width - np.bincount(channel, minlength=3))
     return np.asarray(share / (1 + share) * means, np.float32)
 
 
-def lift(rate: Image, flags: Flags, light: Image) -> Image:
+def lift(picture: Radiance, light: Image) -> Radiance:
     """Picture (y, x, 3) without a veil (3,); saturated samples are lower bounds, and stay them with it."""
-    return np.where((flags & SATURATED) > 0, rate, rate - light)
+    return picture.with_value(np.where(picture.has(SATURATED), picture.value, picture.value - light))

@@ -3,15 +3,11 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kinran.files import InputError
-from kinran.radiance.calibration import Camera
+from kinran.radiance.calibration import CalibratedCamera
 from kinran.radiance.shots import Taken
-from kinran.stack import HOT
-
-Image = NDArray[np.float32]
-Flags = NDArray[np.uint8]
+from kinran.radiance.value import HOT, Image, Radiance
 
 
 def irradiance(position_mm: tuple[float, float, float], height: int, width: int, field_mm: float) -> Image:
@@ -33,17 +29,19 @@ def irradiance(position_mm: tuple[float, float, float], height: int, width: int,
     return np.asarray((np.square(position_mm).sum() / squared) ** 1.5, np.float32)
 
 
-def level(rate: Image, flags: Flags) -> float:
-    """How bright a picture is: the mean of green without its darkest and its brightest tenth.
+def level(picture: Radiance) -> float:
+    """How bright a picture (y, x, 3) is: the mean of green without its darkest and its brightest tenth.
 
     By ranks, so that it follows the lamp exactly, whatever is saturated.
     """
-    green = np.sort(rate[..., 1][(flags[..., 1] & HOT) == 0])
+    green = np.sort(picture.value[..., 1][~picture.has(HOT)[..., 1]])
     tenth = len(green) // 10
     return float(green[tenth : len(green) - tenth].mean())
 
 
-def lamp_gains(shots: list[Taken], camera: Camera, levels: dict[str, float], manifest: Path) -> dict[str, float]:
+def lamp_gains(
+    shots: list[Taken], camera: CalibratedCamera, levels: dict[str, float], manifest: Path
+) -> dict[str, float]:
     """Light of the lamp at each shot, relative to that on the white plate.
 
     The photodiode follows the lamp from shot to shot; the monitors (repeats of θ = 0) tie it to what the

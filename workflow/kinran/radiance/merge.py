@@ -6,62 +6,67 @@ second of the camera's R, G, B; photographs in white a second, linear Rec. 709. 
 the name (…_25ms, …_1-250s), are taken as third stops where they are such, and their ratios then from the pictures.
 """
 
-import argparse
 import json
-import sys
+import logging
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kinran.encoding import parse
 from kinran.exr import write_exr
 from kinran.files import InputError
-from kinran.photographs import SUFFIXES, Crop
-from kinran.radiance.calibration import Camera
-from kinran.radiance.exif import exif_seconds
-from kinran.radiance.exposures import parse_times, time_in_name
+from kinran.photographs import SUFFIXES
+from kinran.radiance.calibration import CalibratedCamera
+from kinran.radiance.exposures import parse_times
+from kinran.radiance.nominal import nominal_seconds
 from kinran.radiance.raw import is_raw
 from kinran.radiance.response import CODES, Curve, merge_debevec
 from kinran.radiance.shots import FULL, Bracket, Frame, Taken, read_bracket
-from kinran.radiance.superpixels import Superpixels, merge_sites
+from kinran.radiance.superpixels import merge_sites
 from kinran.radiance.uncalibrated import RECOVERED, decoder_of, describe
-from kinran.stack import DARK, SATURATED
+from kinran.radiance.value import DARK, SATURATED, Image, Radiance
 
-Image = NDArray[np.float32]
+log = logging.getLogger(__name__)
 
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+"""Chromaticities of Rec. 709: R, G, B and white."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the command."""
-    parser.add_argument("frames", type=Path, nargs="+", metavar="FRAME", help="frames of the bracket, in any order")
-    parser.add_argument("--out", type=Path, required=True, metavar="X.exr")
-    parser.add_argument(
-        "--times", default="", metavar="1/25,1/100,…", help="exposure time of each frame, in this order"
-    )
-    help_ = "of photographs: srgb, linear, gamma:EXPONENT or recovered; without it, as the bracket tells"
-    parser.add_argument("--encoding", default="", help=help_)
-    help_ = "kinran, or a baseline for photographs: Debevec and Malik 1997, without σ"
-    parser.add_argument("--method", choices=["kinran", "debevec"], default="kinran", help=help_)
+@dataclass(frozen=True)
+class Inputs:
+    frames: Annotated[tuple[Path, ...], "FRAME", "frames of the bracket, in any order"]
 
 
-def main(args: argparse.Namespace) -> None:
+@dataclass(frozen=True)
+class Options:
+    times: Annotated[str, "--times 1/25,1/100,…", "exposure time of each frame, in this order"] = ""
+    encoding: Annotated[
+        str, "of photographs: srgb, linear, gamma:EXPONENT or recovered; without it, as the bracket tells"
+    ] = ""
+    method: Annotated[
+        Literal["kinran", "debevec"], "kinran, or a baseline for photographs: Debevec and Malik 1997, without σ"
+    ] = "kinran"
+
+
+def main(
+    inputs: Inputs, out: Annotated[Path, "--out X.exr", "radiance with σ and flags"], options: Options = Options()
+) -> None:
     """Write the radiance."""
-    if args.out.suffix.lower() != ".exr":
-        raise InputError(f"{args.out}: give a name that ends in .exr")
-    frames = timed(args.frames, args.times)
-    if args.method == "debevec":
-        write_exr(args.out, *debevec(frames, args.encoding or RECOVERED))
+    if out.suffix.lower() != ".exr":
+        raise InputError(f"{out}: give a name that ends in .exr")
+    frames = timed(inputs.frames, options.times)
+    if options.method == "debevec":
+        write_exr(out, *debevec(frames, options.encoding or RECOVERED))
         return
-    bracket, encoding = read(frames, args.encoding)
+    bracket, encoding = read(frames, options.encoding)
     camera = describe([bracket])
     merged = merge_sites(bracket, camera)
     bracket = replace(bracket, planes=bracket.planes[:0].copy())  # room for the copies that writing makes
-    write(args.out, merged, bracket, camera, encoding)
-    print(summary(merged, camera, encoding), file=sys.stderr)
+    write(out, merged, bracket, camera, encoding)
+    log.info(summary(merged, camera, encoding))
 
 
 def timed(paths: Sequence[Path], times: str) -> list[Frame]:
@@ -82,7 +87,7 @@ def timed(paths: Sequence[Path], times: str) -> list[Frame]:
     given = parse_times(times) if times else []
     if given and len(given) != len(paths):
         raise InputError(f"--times {times}: has {len(given)} times for {len(paths)} frames; give one for each")
-    seconds = given or [exif_seconds(path) or time_in_name(path.stem) for path in paths]
+    seconds = given or [nominal_seconds(path) for path in paths]
     if missing := [path for path, value in zip(paths, seconds, strict=True) if not value]:
         if len(paths) > 1:
             raise InputError(f"{missing[0]}: has no exposure time in its EXIF or name; give --times 1/25,1/100,…")
@@ -90,7 +95,7 @@ def timed(paths: Sequence[Path], times: str) -> list[Frame]:
     return [Frame(path, value) for path, value in zip(paths, seconds, strict=True)]
 
 
-def read(frames: Sequence[Frame], encoding: str, crop: Crop | None = None) -> tuple[Bracket, str]:
+def read(frames: Sequence[Frame], encoding: str) -> tuple[Bracket, str]:
     """Bracket of frames, and the encoding of photographs; empty for RAW."""
     shot = Taken("bracket", "light", 0, None, None, tuple(frames))
     if any(is_raw(frame.path) for frame in frames):
@@ -100,8 +105,8 @@ def read(frames: Sequence[Frame], encoding: str, crop: Crop | None = None) -> tu
     if encoding not in ("", "recovered"):
         parse(encoding)
     paths, seconds = [frame.path for frame in frames], [frame.nominal_s for frame in frames]
-    name, decoder = decoder_of(encoding, paths, seconds, crop)
-    return read_bracket(shot, decoder, crop), name
+    name, decoder = decoder_of(encoding, paths, seconds, None)
+    return read_bracket(shot, decoder), name
 
 
 def debevec(frames: Sequence[Frame], encoding: str) -> tuple[dict[str, Image], dict[str, object]]:
@@ -132,11 +137,13 @@ def debevec(frames: Sequence[Frame], encoding: str) -> tuple[dict[str, Image], d
     return channels, header
 
 
-def write(path: Path, merged: Superpixels, bracket: Bracket, camera: Camera, encoding: str) -> None:
+def write(path: Path, merged: Radiance, bracket: Bracket, camera: CalibratedCamera, encoding: str) -> None:
     """Write the EXR, upright and top row first."""
     unit = FULL if encoding else 1
-    rate, sigma, flags = (np.rot90(part[::-1], bracket.turns) for part in merged)
-    channels = {name: np.asarray(rate[..., k] / unit, np.float32) for k, name in enumerate("RGB")}
+    if merged.sigma is None:
+        raise ValueError("the radiance has no σ")
+    value, sigma, flags = (np.rot90(p[::-1], bracket.turns) for p in (merged.value, merged.sigma, merged.flags))
+    channels = {name: np.asarray(value[..., k] / unit, np.float32) for k, name in enumerate("RGB")}
     channels |= {f"sigma.{name}": np.asarray(sigma[..., k] / unit, np.float32) for k, name in enumerate("RGB")}
     channels["flags"] = np.bitwise_or.reduce(flags, axis=-1).astype(np.float32)
     longest = camera.exposures[0]
@@ -162,10 +169,10 @@ def write(path: Path, merged: Superpixels, bracket: Bracket, camera: Camera, enc
     write_exr(path, channels, header)
 
 
-def summary(merged: Superpixels, camera: Camera, encoding: str) -> str:
+def summary(merged: Radiance, camera: CalibratedCamera, encoding: str) -> str:
     """What was merged, in a few lines."""
-    height, width, _ = merged.rate.shape
-    full = float(((merged.flags & SATURATED) > 0).any(-1).mean())
+    height, width, _ = merged.value.shape
+    full = float(merged.texels_with(SATURATED).mean())
     lines = [f"{width} × {height} pixels" + (f", {encoding} photographs" if encoding else ", RAW"), ""]
     for k, e in enumerate(camera.exposures):
         how = f"from {e.sites} sites" if e.sites else "the longest" if k == 0 else "no site tells: as its name says"

@@ -6,22 +6,28 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from kinran.radiance.bracket import MARGIN, TAPER
+from kinran.radiance.calibration import MARGIN
+from kinran.radiance.estimator import TAPER
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.uint16]
 
 MOST_SITES = 300_000
+"""Sites that are looked at: they tell a variance in each bin to 1 %."""
 BINS = 24
+"""Bins of the level, of equal number, in which the variance is measured."""
 LEAST_IN_BIN = 30
+"""Sites that a bin needs to tell its variance to a quarter."""
 MOST_CUT = 0.005
+"""A bin with a larger share of counts at 0 says nothing: its darkness is cut off, so that its variance is too small."""
 LEAST_GAIN = 1e-7
-"""Of saturation."""
+"""Least gain, relative to saturation: no camera holds ten million electrons in a site."""
 ROUNDING = 12**-0.5
+"""Standard deviation of a value that is rounded to whole numbers."""
 
 
 class Noise(NamedTuple):
-    """Noise of a camera; attributes as of `Response`."""
+    """Noise of a camera; attributes as `Response` has them."""
 
     gain: float
     read: float

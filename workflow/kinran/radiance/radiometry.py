@@ -1,47 +1,42 @@
 """From counts a second to the stack's unit: free of glare, flat field and lamp, white is 1."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from kinran.radiance.calibration import Camera
+from kinran.radiance.calibration import CalibratedCamera
 from kinran.radiance.flat import divide, nearest
 from kinran.radiance.glare import lift, veil
-
-Image = NDArray[np.float32]
-Flags = NDArray[np.uint8]
+from kinran.radiance.value import Radiance
 
 STRIP = 64
 """Rows at a time, so that what is temporary stays small."""
 
 
-def to_radiance(
-    rate: Image, flags: Flags, camera: Camera, lamp: float, theta: float, phi: float
-) -> tuple[Image, Flags]:
+def to_radiance(picture: Radiance, camera: CalibratedCamera, lamp: float, theta: float, phi: float) -> Radiance:
     """Picture (y, x, 3) in π·T: a white diffuser that faces the lamp at θ = 0 reads 1.
 
     Parameters
     ----------
-    rate : (y, x, 3) float32
-        Counts a second.
-    flags : (y, x, 3) uint8
+    picture : (y, x, 3)
+        Counts per second.
     camera
-        Calibrated.
+        The camera that took it.
     lamp
         Light of the lamp relative to that on the white plate.
     theta, phi
         Direction of the light in degrees, for its flat field.
     """
-    height, width, _ = rate.shape
+    height, width, _ = picture.value.shape
     flat = nearest(camera.flats, theta, phi)
-    light = veil(rate, flags, camera.glare)
+    light = veil(picture, camera.glare)
     white = np.array(camera.white, np.float32) * np.float32(lamp)
-    radiance, bits = np.empty_like(rate), np.empty_like(flags)
+    whole = Radiance(np.empty_like(picture.value), np.empty_like(picture.flags))
     for first in range(0, height, STRIP):
         rows = slice(first, min(first + STRIP, height))
-        value, bits[rows] = rate[rows], flags[rows]
+        strip = picture[rows]
         if camera.glare:
-            value = lift(value, bits[rows], light)
+            strip = lift(strip, light)
         if flat is not None:
-            value, bits[rows] = divide(value, bits[rows], flat.values(height, width, rows))
-        np.divide(value, white, out=radiance[rows])
-    return radiance, bits
+            strip = divide(strip, flat.values(height, width, rows))
+        np.divide(strip.value, white, out=whole.value[rows])
+        whole.flags[rows] = strip.flags
+    return whole

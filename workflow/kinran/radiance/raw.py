@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from kinran.files import InputError
 
 RAW = {".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef"}
+"""Suffixes of RAW files."""
 TURNS = {3: 2, 5: 1, 6: 3}
 """Quarter turns of the codes that LibRaw has for a camera that was held on its side."""
 REC709_TO_XYZ = np.array(
     [[0.412453, 0.357580, 0.180423], [0.212671, 0.715160, 0.072169], [0.019334, 0.119193, 0.950227]]
 )
+"""Linear Rec. 709 to CIE XYZ under D65 (ITU-R BT.709)."""
 LEAST_MASK = 256
 """Sites under a mask above the picture that are enough to measure darkness."""
 

@@ -12,8 +12,11 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 CODES = 256
+"""Codes of 8 bits."""
 SMOOTHNESS = 30.0
+"""λ of Debevec and Malik 1997, Eq. 3, which they leave to the noise."""
 SAMPLES = 400
+"""Sites that the curve is recovered from: with N sites and P exposures they ask for N (P - 1) over 255."""
 
 
 @dataclass(frozen=True)

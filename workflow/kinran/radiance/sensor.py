@@ -6,15 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran.files import InputError
-from kinran.radiance.bracket import Response
-from kinran.radiance.calibration import Exposure
+from kinran.radiance.calibration import Exposure, Response
 from kinran.radiance.exposures import discrepancy, measure, third_stop
 from kinran.radiance.shots import MISLABELLED, Bracket, light_of, site_black
 
 Array = NDArray[np.float64]
 
 HOT_SIGMA = 6.0
+"""A site that is brighter in darkness by so many standard deviations is hot: noise alone makes one of a thousand
+million so."""
 MOST_BAD = 0.01
+"""A larger share of hot or dead sites is that of a lens that was not covered."""
 
 
 def measure_dark(dark: Bracket) -> tuple[tuple[float, float, float, float], float, NDArray[np.bool_]]:

@@ -15,19 +15,18 @@ from kinran.plans import Plan
 from kinran.radiance.calibration import Calibration
 from kinran.radiance.raw import RawFrame, is_raw, read_raw
 from kinran.radiance.response import Curve
-from kinran.stack import SATURATED
-
-Image = NDArray[np.float32]
-Flags = NDArray[np.uint8]
+from kinran.radiance.value import Image, Radiance
 
 MISLABELLED = 0.10
-"""An exposure that is further than this from its calibrated time is another one."""
+"""An exposure that is further than this, relative, from its calibrated time is another one: dials go by 26 %."""
 FULL = 65535
 """Counts of white of a photograph."""
 APERTURE = 0.02
+"""Relative difference of ISO or aperture within a bracket that rounding in EXIF explains."""
 STRIP = 64
 """Rows of a photograph that are decoded at a time, so that what is temporary stays small."""
 SAME_KIND = {".jpeg": ".jpg", ".tiff": ".tif"}
+"""Suffixes of one kind of file."""
 
 
 @dataclass(frozen=True)
@@ -222,7 +221,7 @@ def read_codes(path: Path, crop: Crop | None) -> Image:
     """
     if path.suffix.lower() == ".exr":
         raise InputError(f"{path}: is linear radiance already; give the photographs that it is made of")
-    codes = read_photograph(path, parse("linear"), crop).light
+    codes = read_photograph(path, parse("linear"), crop).value
     if not np.isfinite(codes).all():
         raise InputError(f"{path}: has values that are no numbers; write it again")
     if codes.max() > 1.001:
@@ -264,8 +263,8 @@ def read_shot(shot: Taken, calibration: Calibration) -> Bracket:
     return read_bracket(shot, decoder, parse_crop(calibration.crop))
 
 
-def read_light(shot: Taken, calibration: Calibration) -> tuple[Image, Flags]:
-    """Linear light (y, x, 3) of a shot that is one photograph, and its flags.
+def read_light(shot: Taken, calibration: Calibration) -> Radiance:
+    """Linear light (y, x, 3) of a shot that is one photograph.
 
     Raises
     ------
@@ -275,10 +274,10 @@ def read_light(shot: Taken, calibration: Calibration) -> tuple[Image, Flags]:
     if len(shot.frames) != 1:
         raise InputError(f"shot '{shot.shot}' has {len(shot.frames)} photographs; one is needed")
     photograph = read_photograph(shot.frames[0].path, parse(calibration.encoding), parse_crop(calibration.crop))
-    height, width = photograph.light.shape[:2]
+    height, width = photograph.value.shape[:2]
     if (height, width) != (calibration.height, calibration.width):
         raise InputError(
             f"{shot.frames[0].path}: gives {width} × {height} texels but the first photograph of the set"
             f" {calibration.width} × {calibration.height}; all need one size"
         )
-    return photograph.light, photograph.saturated * np.uint8(SATURATED)
+    return photograph

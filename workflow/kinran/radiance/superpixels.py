@@ -1,20 +1,18 @@
 """Merged brackets at one sample a superpixel: R, the mean of both greens, B; never demosaiced."""
 
-from typing import NamedTuple
+from dataclasses import replace
 
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from kinran.files import InputError
-from kinran.radiance.bracket import DARK_SIGMA, Merged, estimate_rows
-from kinran.radiance.calibration import Camera
+from kinran.radiance.calibration import CalibratedCamera
+from kinran.radiance.estimator import DARK_SIGMA, Merged, estimate_rows
 from kinran.radiance.exposures import ratio, ratio_to, row_seconds
 from kinran.radiance.shots import FULL, MISLABELLED, Bracket, site_black
-from kinran.stack import DARK, HOT, SATURATED, SHIFTED
+from kinran.radiance.value import DARK, HOT, SATURATED, SHIFTED, Flags, Image, Radiance
 
-Image = NDArray[np.float32]
-Flags = NDArray[np.uint8]
 Array = NDArray[np.float64]
 Sites = NDArray[np.intp]
 
@@ -25,34 +23,22 @@ FLICKER = 0.005
 BLACK_ERROR = 0.05
 """How well the darkness of a frame is known, in counts."""
 LEAST_SITES = 50
+"""Sites that are enough to tell the ratio of two exposures, if its noise is under a thirtieth."""
 MOST_APART, MOST_APART_ENCODED = 0.05, 0.25
 """More samples than this share whose exposures disagree: a frame has moved. Photographs know their noise less well."""
 MOST_BELOW_BLACK = 1e-3
+"""Share of samples under darkness by five σ that is no accident: noise alone makes one of three million so."""
 OTHER_DEPTH = 1.03
+"""Counts over the calibrated saturation by this factor are of another ISO, bit depth or camera."""
 
 
-class Superpixels(NamedTuple):
-    """A merged bracket.
-
-    Attributes
-    ----------
-    rate, sigma : (y, x, 3) float32
-        Counts a second, and their standard deviation.
-    flags : (y, x, 3) uint8
-    """
-
-    rate: Image
-    sigma: Image
-    flags: Flags
-
-
-def merge_bracket(bracket: Bracket, camera: Camera) -> tuple[Image, Flags]:
+def merge_bracket(bracket: Bracket, camera: CalibratedCamera) -> Radiance:
     """`merge_sites` without σ, which follows from the value and the noise model."""
     return _merge(bracket, camera, np.empty((STRIP, bracket.planes.shape[3], 3), np.float32))
 
 
-def merge_sites(bracket: Bracket, camera: Camera) -> Superpixels:
-    """Merge a bracket to one sample a superpixel.
+def merge_sites(bracket: Bracket, camera: CalibratedCamera) -> Radiance:
+    """Merge a bracket to one sample a superpixel (y, x, 3), in counts per second.
 
     Raises
     ------
@@ -61,12 +47,11 @@ def merge_sites(bracket: Bracket, camera: Camera) -> Superpixels:
         the calibration.
     """
     sigma = np.empty((*bracket.planes.shape[2:], 3), np.float32)
-    rate, flags = _merge(bracket, camera, sigma)
-    return Superpixels(rate, sigma, flags)
+    return replace(_merge(bracket, camera, sigma), sigma=sigma)
 
 
-def _merge(bracket: Bracket, camera: Camera, sigma: Image) -> tuple[Image, Flags]:
-    """Rate and flags; σ goes to an array of all rows, or of those of a strip, where nobody wants it."""
+def _merge(bracket: Bracket, camera: CalibratedCamera, sigma: Image) -> Radiance:
+    """Merge a bracket; σ goes to an array of all rows, or of those of a strip, where nobody wants it."""
     black = site_black(bracket, camera.black, camera.masked)
     _check_depth(bracket, black, camera)
     seconds = shot_seconds(bracket, black, camera)
@@ -84,7 +69,7 @@ def _merge(bracket: Bracket, camera: Camera, sigma: Image) -> tuple[Image, Flags
     hot = _hot_samples(bad, bracket.planes.shape[1])
     flags[tuple(hot.T)] |= HOT
     _fill(rate, flags, hot)
-    return rate, flags
+    return Radiance(rate, flags)
 
 
 def _hot_samples(bad: Sites, planes: int) -> Sites:
@@ -148,7 +133,7 @@ def _bits(value: np.float32, error: np.float32, apart: np.bool_) -> np.uint8:
     return np.uint8(np.uint8(full) * SATURATED | np.uint8(dark) * DARK | np.uint8(apart) * SHIFTED)
 
 
-def shot_seconds(bracket: Bracket, black: Array, camera: Camera) -> Array:
+def shot_seconds(bracket: Bracket, black: Array, camera: CalibratedCamera) -> Array:
     """(exposure, y) times of the frames of this shot, lamp and shutter as they were; their log mean is calibrated.
 
     The calibrated ratio of two exposures is the prior, what this shot's pictures say the measurement.
@@ -203,7 +188,7 @@ def _file(bracket: Bracket, exposure: int) -> str:
     return str(frames[exposure].path) if frames else f"shot '{bracket.shot.shot}'"
 
 
-def _check_depth(bracket: Bracket, black: Array, camera: Camera) -> None:
+def _check_depth(bracket: Bracket, black: Array, camera: CalibratedCamera) -> None:
     """That counts end where the calibration says."""
     planes, full = bracket.planes[0], camera.response.saturation
     top = float(planes.max()) - float(black[0].mean())

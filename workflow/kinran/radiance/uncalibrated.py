@@ -1,7 +1,7 @@
 """A camera as its brackets alone describe it, where nobody has shot a calibration."""
 
+import logging
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from kinran.encoding import Encoding, parse
 from kinran.files import InputError
 from kinran.photographs import CLIPPED, Crop
-from kinran.radiance.bracket import MARGIN, Response, guarded
-from kinran.radiance.calibration import Camera
+from kinran.radiance.calibration import MARGIN, CalibratedCamera, Response
+from kinran.radiance.estimator import guarded
 from kinran.radiance.exposures import discrepancy, measure, row_seconds, third_stop
 from kinran.radiance.noise import measure_noise
 from kinran.radiance.response import CODES, Curve, recover
@@ -21,21 +21,29 @@ from kinran.radiance.superpixels import mislabelled
 
 Array = NDArray[np.float64]
 
+log = logging.getLogger(__name__)
+
 PILED = 2e-4
 """Share of sites at one count that shows that they are full."""
 LEAST_PILED = 100
+"""Sites at one count without which nothing is said of saturation."""
 WARNED = 0.02
+"""A measured time that is further than this, relative, from what its name means is told to the user."""
 LEAST_SITES = 200
+"""Pixels, well exposed twice, that are enough to try an encoding on."""
 MOST_PIXELS, STRIP = 1_000_000, 32
 """Pixels that are enough to tell an encoding, and rows of a strip of them."""
 LEAST_CODE = 8 / 255
+"""Codes under this are mostly rounding in 8 bits, and say nothing of an encoding."""
 STEADY_LAMP = 0.04
+"""Logarithm by which lamp and shutter may change the ratio of two exposures."""
 UNSTEADY = 0.05
 """An encoding under which the ratio of two exposures varies more with the level is not that of the photographs."""
 RECOVERED = "recovered"
+"""Name of an encoding that no formula has: the response that the bracket itself shows."""
 
 
-def describe(brackets: Sequence[Bracket]) -> Camera:
+def describe(brackets: Sequence[Bracket]) -> CalibratedCamera:
     """Saturation, noise and shutter times of a camera from brackets of still scenes.
 
     Parameters
@@ -60,17 +68,17 @@ def describe(brackets: Sequence[Bracket]) -> Camera:
         if abs(off) > MISLABELLED:
             raise mislabelled(first, blacks[0], k, 1 / (1 + off))
         if abs(off) > WARNED:
-            print(
-                f"{nominal[k]:g} s is {1 + off:.3f} times what its name says beside {nominal[k + 1]:g} s; the pictures"
-                " are believed",
-                file=sys.stderr,
+            log.warning(
+                "%g s is %.3f times what its name says beside %g s; the pictures are believed",
+                nominal[k],
+                1 + off,
+                nominal[k + 1],
             )
     rows = row_seconds([e.seconds for e in exposures], [e.curtain for e in exposures], first.planes.shape[2])
     noises = [measure_noise(b.planes, black, rows, rough.clip) for b, black in zip(brackets[:4], blacks, strict=False)]
     gain, read, coding = (float(np.median(part)) for part in zip(*noises, strict=True))
     black = tuple(float(value) for value in (np.zeros(planes) if first.masked else blacks[0].mean(0)))
-    white = (1.0, 1.0, 1.0)
-    return Camera(black, first.masked, Response(saturation, gain, read, coding), exposures, (), white, None, None)
+    return CalibratedCamera(black, first.masked, Response(saturation, gain, read, coding), exposures, bad=())
 
 
 def saturation_of(brackets: Sequence[Bracket]) -> float:

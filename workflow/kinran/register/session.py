@@ -57,7 +57,7 @@ def register(out: Path, views: list[Path], board_file: Path, field: str, encoded
     board = read_board(board_file)
     size_mm = field_of(field, board, board_file)
     width, height = check_views(views)
-    greys = [grey(photographs.read(path, decoder).light[::-1]) for path in views]
+    greys = [grey(photographs.read(path, decoder).value[::-1]) for path in views]
     corners = [
         detect(board, np.round(255 * picture).astype(np.uint8), str(path))
         for path, picture in zip(views, greys, strict=True)
@@ -80,7 +80,7 @@ def register(out: Path, views: list[Path], board_file: Path, field: str, encoded
         {**header, "kinran:frame": FRAME + "row 0 is v=0", "kinran:units": "mm"},
     )
     for view, path in enumerate(views):
-        light = np.ascontiguousarray(photographs.read(path, decoder).light[::-1])
+        light = np.ascontiguousarray(photographs.read(path, decoder).value[::-1])
         flat = rectify(cameras, view, light, grid, surface.height)[::-1]
         write_exr(
             out / "rectified" / f"{path.stem}.exr",

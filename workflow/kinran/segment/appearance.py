@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.stack import SATURATED, Stack
+from kinran.radiance.value import SATURATED
+from kinran.stack import Stack
 
 Map = NDArray[np.float32]
 Features = NDArray[np.float64]
@@ -56,9 +57,9 @@ def over_lights(stack: Stack) -> Appearance:
     median = np.zeros((stack.height, stack.width, 3), np.float32)
     peak, middle = np.zeros(median.shape[:2], np.float32), np.zeros(median.shape[:2], np.float32)
     for y0, y1, x0, x1 in stack.tiles():
-        radiance, flags = stack.read_tile(y0, y1, x0, x1, lights=use)
-        radiance = np.nan_to_num(radiance, posinf=0, neginf=0)
-        clipped = ((flags[high] & SATURATED) > 0).any(-1)
+        seen = stack.read_tile(y0, y1, x0, x1, lights=use)
+        radiance = np.nan_to_num(seen.value, posinf=0, neginf=0)
+        clipped = seen[high].texels_with(SATURATED)
         median[y0:y1, x0:x1] = median_unclipped(radiance[high] / cosine[high, None, None, None], clipped)
         middle[y0:y1, x0:x1], peak[y0:y1, x0:x1] = np.percentile(radiance.mean(-1), (40, 98), axis=0)
     return Appearance(median, peak, middle)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from kinran.radiance.bracket import Response, estimate, ratio_sums
+from kinran.radiance.calibration import Response
+from kinran.radiance.estimator import estimate, ratio_sums
 
 SECONDS = 2.0 ** (-np.array([14, 20, 24, 30, 36]) / 3)
 BLACK = np.full(5, 256.0)
