@@ -5,7 +5,7 @@ The lights held out have the noise of the others.
 """
 
 import argparse
-import logging
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,6 @@ from kinran.radiance.value import Radiance
 from kinran.stack import Light, Metadata, write_metadata, write_shards
 from kinran.virtual.sensor import Sensor, shutter
 from kinran_bsdf.colours import TO_REC709
-
-log = logging.getLogger(__name__)
 
 EXPOSURES = (25, 100, 250, 1000, 4000)
 """Shutter speeds of the paper's bracket, 1/s: what can be held is known by them."""
@@ -108,7 +106,7 @@ def commands(out: Path) -> list[list[str]]:
 def _run(command: list[str]) -> None:
     from kinran.__main__ import main as kinran
 
-    log.info("kinran %s", " ".join(command))
+    print("kinran " + " ".join(command), file=sys.stderr, flush=True)
     if kinran(command):
         raise InputError(f"{command[1]}: kinran {command[0]} failed; what it said stands above")
 

@@ -1,6 +1,7 @@
 """Where fits fail, and what holds there: error on lights held out, as each case is made worse."""
 
 import argparse
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -29,7 +30,6 @@ from kinran.files import write_json
 from kinran.fit import bounded, learned, reweighted, slope, strength, takeda, trust
 from kinran.fit.samples import Samples
 from kinran.fit.slope import Lobes
-from kinran.log import progress
 from kinran.near import Under
 from kinran_bsdf.models import Takeda2008
 
@@ -286,7 +286,8 @@ def main(args: argparse.Namespace) -> None:
     """Measure all cases, print them, write JSON."""
     split = Split.of_grid()
     rows, summary = [], []
-    for case, fails, holds in progress(CASES, "stability", "cases"):
+    for k, (case, fails, holds) in enumerate(CASES):
+        print(f"stability: case {k + 1} of {len(CASES)}, {case.__name__}", file=sys.stderr, flush=True)
         found = list(case(split))
         rows += found
         summary.append(worst(found, fails, holds))
