@@ -58,7 +58,10 @@ def test_value_has_a_name_in_the_help(capsys: pytest.CaptureFixture[str]) -> Non
     assert called("a", "--out", "c", "--field-mm", "60")["options"].field_mm == 60
     with pytest.raises(SystemExit):
         called("--help")
-    assert "--field-mm MM" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "--field-mm MM" in told
+    assert "--prior PRIOR" in told
+    assert "--lobes {1,2}" in told
 
 
 @pytest.mark.parametrize("words", [("--labels", "3", "4"), ("--labels", "3", "--labels", "4")])

@@ -15,9 +15,9 @@ from kinran_bsdf.residual import Residual
 from kinran_bsdf.residual import channel_names as residual_names
 
 VERSION = "1"
+NEEDED = ("version", "cosine", "model", "lobes", "regions", "colour", "from_stack", "texel_mm", "source", "measured")
 COLOUR = "lin_ap1_scene"
 FRAME = "X=+u=weft, Y=+v=warp, Z=view; row 0 is v=0"
-SHAPES = {name: tuple(model.parameters) for name, model in MODELS.items()}
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def read_material(path: str | os.PathLike[str]) -> Material:
     except RuntimeError as error:
         raise ValueError(f"{path}: cannot be read as EXR ({error}); write the material again") from None
     metadata = bitmap.metadata()
-    header = {key: metadata[key] for key in metadata if key.startswith("kinran:")}
+    header = {key[len("kinran:") :]: str(metadata[key]) for key in metadata if key.startswith("kinran:")}
     names = [field.name for field in bitmap.struct_()]
     pixels = np.atleast_3d(pixels)
     channels = {name: np.asarray(pixels[..., k], np.float32) for k, name in enumerate(names)}  # views
@@ -150,33 +150,29 @@ def read_material(path: str | os.PathLike[str]) -> Material:
     return material
 
 
-def _from_header(path: Path, header: dict[str, Any], channels: dict[str, Map]) -> Material:
-    def text(key: str) -> str:
-        if f"kinran:{key}" not in header:
+def _from_header(path: Path, header: dict[str, str], channels: dict[str, Map]) -> Material:
+    for key in NEEDED:
+        if key not in header:
             raise ValueError(f"{path}: has no attribute kinran:{key}; it is not a Kinran material")
-        return str(header[f"kinran:{key}"])
-
-    if text("version") != VERSION:
-        raise ValueError(f"{path}: kinran:version is '{text('version')}' but this plugin reads '{VERSION}'; update one")
-    if text("cosine") != "included":
-        raise ValueError(f"{path}: kinran:cosine is '{text('cosine')}'; the plugin needs T = f_r cos θ ('included')")
-    values = {key: text(key) for key in ("model", "lobes", "regions", "colour", "from_stack", "texel_mm")}
-    values |= {key: text(key) for key in ("source", "measured")}
+        if key == "version" and header[key] != VERSION:
+            raise ValueError(f"{path}: kinran:version is '{header[key]}' but this plugin reads '{VERSION}'; update one")
+        if key == "cosine" and header[key] != "included":
+            raise ValueError(f"{path}: kinran:cosine is '{header[key]}'; the plugin needs T = f_r cos θ ('included')")
     try:
         return Material(
             channels=channels,
-            model=values["model"],
-            tail=str(header.get("kinran:tail", "gaussian")),
-            lobes=int(values["lobes"]),
-            regions=json.loads(values["regions"]),
-            colour=values["colour"],
-            from_stack=np.array(json.loads(values["from_stack"]), np.float64),
-            texel_mm=float(values["texel_mm"]) if values["texel_mm"] else None,
-            source=values["source"],
-            theta_max=float(json.loads(values["measured"])["theta_max"]),
-            encoding=str(header.get("kinran:encoding", "")),
-            crop=str(header.get("kinran:crop", "")),
-            residual=Residual.from_json(text("residual")) if header.get("kinran:residual") else None,
+            model=header["model"],
+            tail=header.get("tail", TAILS[0]),
+            lobes=int(header["lobes"]),
+            regions=json.loads(header["regions"]),
+            colour=header["colour"],
+            from_stack=np.array(json.loads(header["from_stack"]), np.float64),
+            texel_mm=float(header["texel_mm"]) if header["texel_mm"] else None,
+            source=header["source"],
+            theta_max=float(json.loads(header["measured"])["theta_max"]),
+            encoding=header.get("encoding", ""),
+            crop=header.get("crop", ""),
+            residual=Residual.from_json(header["residual"]) if header.get("residual") else None,
         )
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path}: a kinran: attribute cannot be read ({error}); write the material again") from None

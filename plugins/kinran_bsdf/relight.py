@@ -1,21 +1,17 @@
 """What a whole material shows at the measured view, in NumPy: pictures under lights, and its albedo."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from kinran_bsdf.arrays import Array, Map
 from kinran_bsdf.colours import TO_REC709
+from kinran_bsdf.material import Material
 from kinran_bsdf.models.lambert import diffuse, diffuse_albedo, diffuse_lift
 from kinran_bsdf.models.model import grazing
 from kinran_bsdf.residual import relit
 
-if TYPE_CHECKING:
-    from kinran_bsdf.material import Material
 
-
-def relight(material: "Material", lights: ArrayLike) -> Map:
+def relight(material: Material, lights: ArrayLike) -> Map:
     """The fabric at the measured view V = N under directional lights.
 
     The albedo clamp `bound` is not applied: this is what was fitted.
@@ -48,7 +44,7 @@ def relight(material: "Material", lights: ArrayLike) -> Map:
     return images
 
 
-def relight_texels(material: "Material", lights: ArrayLike, view: ArrayLike) -> Map:
+def relight_texels(material: Material, lights: ArrayLike, view: ArrayLike) -> Map:
     """The lobes of a fabric as they were measured, each texel under its own lights and seen from its own direction.
 
     Near N these are what the lobes were fitted to; nothing of `Model.lobe` is in them, which is of other views.
@@ -77,13 +73,13 @@ def relight_texels(material: "Material", lights: ArrayLike, view: ArrayLike) -> 
     return images
 
 
-def _terms(material: "Material", rows: slice) -> list[tuple[Map, Map]]:
+def _terms(material: Material, rows: slice) -> list[tuple[Map, Map]]:
     """Colours in the RGB of the stack, and shapes (n, h, W)."""
     back = np.linalg.inv(material.from_stack).T.astype(np.float32) * np.float32(np.pi)
     return [(c @ back, np.ascontiguousarray(np.moveaxis(s, -1, 0))) for c, s in material.terms(rows)]
 
 
-def _radiance(material: "Material", terms: list[tuple[Map, Map]], light: Array) -> Map:
+def _radiance(material: Material, terms: list[tuple[Map, Map]], light: Array) -> Map:
     view, l = (0.0, 0.0, 1.0), tuple(float(v) for v in light)  # noqa: E741 (the field's letter)
     if l[2] <= 0:
         return np.zeros_like(terms[0][0])
@@ -95,7 +91,7 @@ def _radiance(material: "Material", terms: list[tuple[Map, Map]], light: Array) 
     return result
 
 
-def albedo(material: "Material", nodes: int = 24) -> Map:
+def albedo(material: Material, nodes: int = 24) -> Map:
     """Albedo at V = N of each texel: ∫ T dω over the lights above the horizon.
 
     Parameters
@@ -114,7 +110,7 @@ def albedo(material: "Material", nodes: int = 24) -> Map:
     return total.astype(np.float32)
 
 
-def clamp(material: "Material") -> Map:
+def clamp(material: Material) -> Map:
     """The channel `bound`: factor (H, W) in (0, 1] that brings the albedo at V = N to at most 1.
 
     In each band of ACEScg, and of Rec.709, where a saturated colour has more.

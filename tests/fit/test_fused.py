@@ -13,7 +13,8 @@ from kinran.fit.slope import Lobes
 from kinran.fit.solver.lobes import TAILS, squared_widths
 from kinran.fit.solver.rows import lobe_rows
 from kinran.fit.solver.start import pair
-from kinran_bsdf import models
+from kinran_bsdf.models import Slope
+from kinran_bsdf.models.lambert import diffuse
 
 
 def reference(given: Samples, lobes: Lobes, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -30,8 +31,8 @@ def _reference(T: np.ndarray, W: np.ndarray, lights: np.ndarray, lobes: Lobes, s
     def left(p: np.ndarray) -> np.ndarray:
         """Weighted residuals of the best colours for these shapes."""
         shapes = [p[5 * k : 5 * k + 5] for k in range(lobes.count)]
-        columns = [models.slope_lobe(*s.T, q[0], q[1], *squared_widths(q), lobes.tail) for q in shapes]
-        A = root[:, None] * np.stack([*columns, models.diffuse(lights.T, p[-2], p[-1])], 1)
+        columns = [Slope(lobes.tail).of_slopes(*s.T, q[0], q[1], *squared_widths(q)) for q in shapes]
+        A = root[:, None] * np.stack([*columns, diffuse(lights.T, p[-2], p[-1])], 1)
         return np.concatenate([A @ nnls(A, b)[0] - b for b in root * T.astype(float)])
 
     return least_squares(left, start, method="lm", x_scale=0.1)

@@ -5,39 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cloth_on_disk import Cloth, directions
+from flat_field import DISTANCE, FIELD, SIDE, flat_cloths, flat_field
 from synthetic_texels import grid
 
-from kinran import geometry, near, prediction
+from kinran import near, prediction
 from kinran.files import read_json
 from kinran.stack import Stack
-from kinran_bsdf import models
 from kinran_bsdf.material import Material, read_material
-
-SIDE, FIELD, DISTANCE = 9, 60.0, 600.0
-CAMERA = (0.0, 0.0, DISTANCE)
-WIDTH = 0.12
-
-
-def flat_field(light: np.ndarray, field: float = FIELD, distance: float = DISTANCE) -> np.ndarray:
-    """What one flat material of a GGX lobe on a diffuse floor shows under a lamp (y, x, 3), the distances known."""
-    points = geometry.texel_points(SIDE, SIDE, field / SIDE)
-    towards = geometry.directions_to(distance * light, points)
-    half = towards + geometry.directions_to((0, 0, distance), points)
-    slopes = half[..., :2] / half[..., 2:]
-    lobe = models.slope_lobe(slopes[..., 0], slopes[..., 1], 0, 0, WIDTH**2, 0, WIDTH**2, "ggx")
-    colour = lobe[..., None] * [2, 1.5, 0.7] + towards[..., 2:] * [0.1, 0.02, 0.02]
-    return colour * geometry.falloff(distance * light, points)[..., None]
 
 
 @pytest.fixture(scope="module")
 def cloths(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Cloth]:
-    lights = grid(10, 12)
-    radiance = np.stack([flat_field(light) for light in lights])
-    held = 8
-    far = Cloth(tmp_path_factory.mktemp("far"), radiance, directions(lights, None, held))
-    known = directions(lights, DISTANCE, held)
-    near_by = Cloth(tmp_path_factory.mktemp("near"), radiance, known, texel_mm=FIELD / SIDE, camera_mm=CAMERA)
-    return {"far": far, "near": near_by}
+    return flat_cloths(tmp_path_factory.mktemp("cloths"))
 
 
 def bends(material: Material) -> np.ndarray:
@@ -89,7 +68,7 @@ def test_a_small_field_does_not_matter(tmp_path: Path) -> None:
     radiance = np.ones((len(lights), 8, 8, 3))
     known = directions(lights, DISTANCE)
     for texel_mm, expected in ((1.1 / 8, False), (1.3 / 8, True)):
-        cloth = Cloth(tmp_path / str(texel_mm), radiance, known, texel_mm=texel_mm, camera_mm=CAMERA)
+        cloth = Cloth(tmp_path / str(texel_mm), radiance, known, texel_mm=texel_mm, camera_mm=(0, 0, DISTANCE))
         assert near.matters(Stack.open(cloth.stack)) is expected
 
 

@@ -63,10 +63,10 @@ def test_pole_where_the_paper_fails(lights: np.ndarray) -> None:
 
 def _eq3(steps: takeda.TakedaFit, lights: np.ndarray) -> np.ndarray:
     from kinran import frames
-    from kinran_bsdf import models
+    from kinran_bsdf.models import Takeda2008
 
     theta, phi = frames.angles(frames.half_vector(lights))
-    G = models.takeda_lobe(theta, phi, *(steps.shapes[:, k, None] for k in range(4)))
+    G = Takeda2008.of_angles(theta, phi, *(steps.shapes[:, k, None] for k in range(4)))
     return steps.colours[:, 0, :, None] * G[:, None] + steps.colours[:, 1, :, None] * lights[:, 2]
 
 

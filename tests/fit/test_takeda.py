@@ -5,7 +5,7 @@ from synthetic_texels import grid, sampled
 
 from kinran import frames
 from kinran.fit import takeda
-from kinran_bsdf import models
+from kinran_bsdf.models import Takeda2008
 
 
 def test_recovers_eq_3_on_the_grid() -> None:
@@ -14,7 +14,7 @@ def test_recovers_eq_3_on_the_grid() -> None:
     theta, phi = frames.angles(frames.half_vector(lights))
     theta_n, phi_n, dt, dp = np.radians(20), np.radians(145), 0.15, 0.4
     C_s, C_d = np.array([2.0, 1.5, 0.7]), np.array([0.3, 0.05, 0.05])
-    G = models.takeda_lobe(theta, phi, theta_n, phi_n, dt, dp)
+    G = Takeda2008.of_angles(theta, phi, theta_n, phi_n, dt, dp)
     T = (C_s[:, None] * G + C_d[:, None] * lights[:, 2])[None].astype(np.float32)
     found = takeda.four_steps(sampled(T, lights), np.radians(2.5), np.radians(2.6))
     np.testing.assert_allclose(found.shapes[0], [theta_n, phi_n, dt, dp], rtol=0.02)
@@ -28,7 +28,7 @@ def test_azimuth_wraps() -> None:
     theta, phi = frames.angles(frames.half_vector(lights))
     widths = []
     for degrees in (180, 355, 0):
-        G = models.takeda_lobe(theta, phi, np.radians(20), np.radians(degrees), 0.15, 0.4)
+        G = Takeda2008.of_angles(theta, phi, np.radians(20), np.radians(degrees), 0.15, 0.4)
         T = np.repeat(G[None, None], 3, 1).astype(np.float32)
         widths.append(takeda.four_steps(sampled(T, lights), np.radians(2.5), np.radians(2.6)).shapes[0, 3])
     np.testing.assert_allclose(widths, widths[0], rtol=1e-3)

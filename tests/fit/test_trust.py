@@ -15,7 +15,7 @@ from kinran.fit import trust
 from kinran.fit.priors import Priors
 from kinran.fit.slope import Lobes
 from kinran.stack import Light, Stack
-from kinran_bsdf.models import relight
+from kinran_bsdf.relight import relight
 
 LIGHTS = grid(10, 12)
 SHAPE = (8, 10)

@@ -50,10 +50,15 @@ def modules(module: str) -> list[str]:
         name = todo.pop()
         if name not in found and _file(name):
             found.add(name)
-            todo += _read(name)[1]
+            todo += imports(name)
     if module not in found:
         raise ModuleNotFoundError(module)
     return sorted(found)
+
+
+def imports(module: str) -> list[str]:
+    """Modules of this project that a module imports itself: a submodule, not its package."""
+    return [name for name in _read(module)[1] if _file(name)]
 
 
 def _contents(names: list[str]) -> dict[str, str]:
@@ -110,7 +115,6 @@ def _file(module: str) -> Path | None:
 
 
 def _imports(tree: ast.AST, module: str, is_package: bool) -> Iterator[str]:
-    """Modules that a module imports, as far as they are of this project: a submodule itself, not its package."""
     parents = module.split(".") if is_package else module.split(".")[:-1]
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):

@@ -76,8 +76,8 @@ class Argument:
             parser.add_argument(self.dest, metavar=self.word, **settings)
             return
         flag, _, value = (self.word or "--" + self.name.replace("_", "-")).partition(" ")
-        if value:
-            settings["metavar"] = value
+        if "type" in settings and "choices" not in settings:
+            settings["metavar"] = value or self.name.upper()
         if several:
             settings["action"] = "extend"
         parser.add_argument(flag, dest=self.dest, required=required, default=None, **settings)

@@ -8,22 +8,11 @@ What other views show is extrapolation (`Model.lobe`, `diffuse_lift`). A model i
 place in `MODELS`; compiled twins (the solver's lobes, `native/models.h`) are held to it by tests.
 """
 
-from typing import Any
-
-from kinran_bsdf.models.lambert import Lambert, diffuse
+from kinran_bsdf.models.lambert import Lambert
 from kinran_bsdf.models.model import Model
 from kinran_bsdf.models.slope import TAILS, Slope
-from kinran_bsdf.models.takeda2008 import Takeda2008, half_angles
-from kinran_bsdf.relight import clamp, relight
+from kinran_bsdf.models.takeda2008 import Takeda2008
 
 __all__ = ["MODELS", "TAILS", "Lambert", "Model", "Slope", "Takeda2008"]
-__all__ += ["clamp", "diffuse", "half_angles", "relight"]
 
 MODELS: dict[str, type[Model]] = {model.name: model for model in (Takeda2008, Slope, Lambert)}
-
-takeda_lobe = Takeda2008.of_angles
-
-
-def slope_lobe(hx: Any, hy: Any, x: Any, y: Any, xx: Any, xy: Any, yy: Any, tail: str) -> Any:
-    """`Slope.of_slopes`."""
-    return Slope(tail).of_slopes(hx, hy, x, y, xx, xy, yy)

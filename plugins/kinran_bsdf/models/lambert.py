@@ -7,8 +7,6 @@ import numpy as np
 
 from kinran_bsdf.models.model import Model, release
 
-PI = float(np.pi)
-
 
 class Lambert(Model):
     """The diffuse term alone, for cloth that needs no lobe."""
@@ -44,4 +42,4 @@ def diffuse_lift(view: Any, light: Any, x: Any, y: Any, floor: Any, *, xp: Modul
 
 def diffuse_albedo(x: Any, y: Any, *, xp: ModuleType = np) -> Any:
     """Albedo at V = N of the diffuse shape: ∫ max(0, l_z + x l_x + y l_y) dω = π (1 + √(1 + x² + y²)) / 2."""
-    return 0.5 * PI * (1 + xp.sqrt(1 + x * x + y * y))
+    return 0.5 * np.pi * (1 + xp.sqrt(1 + x * x + y * y))

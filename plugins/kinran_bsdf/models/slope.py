@@ -10,7 +10,6 @@ import numpy as np
 from kinran_bsdf.arrays import Map, Mask, mi
 from kinran_bsdf.models.model import WIDTH_FLOOR, Model, release
 
-PI = float(np.pi)
 TAILS = ("gaussian", "ggx")
 
 
@@ -62,7 +61,8 @@ class Slope(Model):
         return root * root
 
     def value(self, view: Any, light: Any, shape: Any, *, xp: ModuleType = np) -> Any:
-        return self.of_slopes(*half_slopes(view, light), *shape, xp=xp)
+        z = view[2] + light[2]
+        return self.of_slopes((view[0] + light[0]) / z, (view[1] + light[1]) / z, *shape, xp=xp)
 
     def lobe(self, view: Any, light: Any, shape: Any, floor: Any, *, xp: ModuleType = np) -> Any:
         return self.value(view, light, shape, xp=xp) * lobe_lift(view, light, floor, xp=xp)
@@ -71,7 +71,7 @@ class Slope(Model):
         """4 ∫ G h_z⁴ dx dy ≈ 4π √|S| / (1 + |μ|² + tr S / 2)²."""
         x, y, xx, xy, yy = shape
         z = 1 / (1 + x * x + y * y + 0.5 * (xx + yy))
-        return 4 * PI * xp.sqrt(xp.maximum(xx * yy - xy * xy, 0.0)) * z * z
+        return 4 * np.pi * xp.sqrt(xp.maximum(xx * yy - xy * xy, 0.0)) * z * z
 
     def integral(self, shape: Map, nodes: int) -> Map:
         """4 ∫ G h_z⁴ dx dy over slopes under 1 (lights above the horizon), by equal-energy nodes of the lobe."""
@@ -83,11 +83,11 @@ class Slope(Model):
             u = (i + 0.5) / nodes
             r = np.sqrt(-np.log1p(-u) if self.tail == "gaussian" else u / (1 - u))
             for j in range(nodes):
-                turn = 2 * PI * (j + 0.5 * (i % 2)) / nodes
+                turn = 2 * np.pi * (j + 0.5 * (i % 2)) / nodes
                 p, q = float(r * np.cos(turn)), float(r * np.sin(turn))
                 square = (x + a * p) ** 2 + (y + b * p + c * q) ** 2
                 total += (square < 1) / (1 + square) ** 2
-        return total * a * c * np.float32(4 * PI / nodes**2)
+        return total * a * c * np.float32(4 * np.pi / nodes**2)
 
     def without_width(self, shape: Any) -> Mask:
         _, _, xx, xy, yy = shape
@@ -120,12 +120,6 @@ class Slope(Model):
         _, _, xx, xy, yy = shape
         value = self.of_slopes(x / z, y / z, *shape, xp=dr)
         return value * square / (2 * dr.pi * dr.sqrt(xx * yy - xy * xy) * z * z * z)
-
-
-def half_slopes(view: Any, light: Any) -> tuple[Any, Any]:
-    """Slopes (h_x / h_z, h_y / h_z) of the half vector of two unit vectors, given as triples."""
-    z = view[2] + light[2]
-    return (view[0] + light[0]) / z, (view[1] + light[1]) / z
 
 
 def lobe_lift(view: Any, light: Any, floor: Any, *, xp: ModuleType = np) -> Any:

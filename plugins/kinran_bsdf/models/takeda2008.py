@@ -9,7 +9,6 @@ import numpy as np
 from kinran_bsdf.arrays import Map, Mask, mi
 from kinran_bsdf.models.model import WIDTH_FLOOR, Model
 
-PI = float(np.pi)
 NEWTON_STEPS = 8  # with 4 wide lobes come out biased
 ALMOST_ONE = 0.9999999
 
@@ -38,7 +37,7 @@ class Takeda2008(Model):
     def of_angles(theta_h: Any, phi_h: Any, theta: Any, phi: Any, dt: Any, dp: Any, *, xp: ModuleType = np) -> Any:
         """G at polar angles of the half vector."""
         turn = phi_h - phi
-        turn = turn - 2 * PI * xp.round(turn / (2 * PI))
+        turn = turn - 2 * np.pi * xp.round(turn / (2 * np.pi))
         a, b = (theta_h - theta) / dt, turn / dp
         return xp.exp(-a * a - b * b)
 
@@ -49,13 +48,13 @@ class Takeda2008(Model):
         """≈ 2π dt dp sin 2θ_n away from the pole."""
         theta, _, dt, dp = shape
         sine = xp.maximum(xp.sin(theta), 0.5 * dt)
-        return 4 * PI * dt * xp.minimum(dp, 2 * PI**0.5) * sine * xp.maximum(xp.cos(theta), 0.05)
+        return 4 * np.pi * dt * xp.minimum(dp, 2 * np.pi**0.5) * sine * xp.maximum(xp.cos(theta), 0.05)
 
     def integral(self, shape: Map, nodes: int) -> Map:
         """∫ G 2 sin 2θ_h dθ_h dφ_h over θ_h < 45° (lights above the horizon): a product of two integrals."""
         theta, _, dt, dp = shape
-        low, high = np.clip(theta - 4 * dt, 0, PI / 4), np.clip(theta + 4 * dt, 0, PI / 4)
-        reach = np.minimum(PI, 4 * dp)
+        low, high = np.clip(theta - 4 * dt, 0, np.pi / 4), np.clip(theta + 4 * dt, 0, np.pi / 4)
+        reach = np.minimum(np.pi, 4 * dp)
         polar, azimuthal = np.zeros_like(theta), np.zeros_like(theta)
         for i in range(nodes):
             u = (i + 0.5) / nodes

@@ -75,19 +75,9 @@ def build(folder: Path) -> Path:
     library = folder / "plugins" / "kinran.so"
     library.parent.mkdir(parents=True, exist_ok=True)
     part = library.with_suffix(".part")
-    command = [
-        *(
-            "g++",
-            *FLAGS,
-            f'-DKINRAN_STAMP="{stamp()}"',
-            *(f"-I{path}" for path in headers),
-            str(HERE / "kinran.cpp"),
-            "-o",
-            str(part),
-        ),
-        *(f"-L{mitsuba}", "-lmitsuba", f"-L{drjit}", "-ldrjit-core", "-ldrjit-extra"),
-        f"-Wl,-rpath,{mitsuba}:{drjit}",
-    ]
+    command = ["g++", *FLAGS, f'-DKINRAN_STAMP="{stamp()}"', *(f"-I{path}" for path in headers)]
+    command += [str(HERE / "kinran.cpp"), "-o", str(part), f"-L{mitsuba}", "-lmitsuba", f"-L{drjit}"]
+    command += ["-ldrjit-core", "-ldrjit-extra", f"-Wl,-rpath,{mitsuba}:{drjit}"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         part.unlink(missing_ok=True)
