@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cloth_on_disk import Cloth, directions, pictures
+from synthetic_texels import sampled
 
-from kinran.bench.texels import Split, microfacets, noisy, relative, sampled, spread, texels
+from kinran.bench.texels import Split, microfacets, noisy, relative, spread, texels
 from kinran.fit import learned, slope
 from kinran.fit.priors import Prior
 from kinran.fit.slope import Lobes

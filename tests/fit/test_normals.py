@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from synthetic_texels import sampled
 
 from kinran import frames
-from kinran.bench.texels import sampled
 from kinran.fit import normals
 
 

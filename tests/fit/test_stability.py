@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from synthetic_texels import sampled
 
 from kinran import frames
 from kinran.__main__ import main
@@ -25,7 +26,7 @@ from kinran.bench.stability import (
     TRUSTED,
     WEIGHED,
 )
-from kinran.bench.texels import Split, facets, noisy, radiance, relative, sampled, texels
+from kinran.bench.texels import Split, facets, noisy, radiance, relative, texels
 from kinran.files import read_json
 from kinran.fit import learned, reweighted, slope
 from kinran.fit.slope import Lobes

@@ -1,7 +1,7 @@
 """The `slope` model fitted to samples: bounds, priors, starts, threads."""
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -174,6 +174,8 @@ def fit(
     """
     assert samples.T.shape == (len(samples), 3, samples.under.count)
     prepare()
+    # for another layout the solver would be compiled anew
+    samples = replace(samples, T=np.ascontiguousarray(samples.T), W=np.ascontiguousarray(samples.W))
     job = _Job(samples, lobes, priors, _least(samples.under, lobes, narrow), start, iterations)
     result = SlopeFit.empty(lobes, len(samples))
 
@@ -218,8 +220,7 @@ class _Job:
     def block(self, cell: int, at: Index) -> SlopeFit:
         """Fit of some texels of one cell."""
         samples = self.samples
-        # of another layout the solver would be compiled anew
-        T, W, region = np.ascontiguousarray(samples.T[at]), np.ascontiguousarray(samples.W[at]), samples.region[at]
+        T, W, region = samples.T[at], samples.W[at], samples.region[at]
         lights = _rows(samples.under.lights[cell], samples.under.slopes[cell])
         start = None if self.start is None else self.start[at]
         if self.priors is None:

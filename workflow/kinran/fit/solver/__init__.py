@@ -9,14 +9,14 @@ import sys
 from pathlib import Path
 
 from numba import config
+from numba.core.registry import cpu_target
 
 log = logging.getLogger(__name__)
 
 _FOLDER = Path(__file__).parent
 _CODE = b"".join(path.read_bytes() for path in sorted(_FOLDER.glob("*.py")))
-if not config.CACHE_DIR:
-    # Numba looks at a function's own file alone: what it inlines from another would stay as it was
-    config.CACHE_DIR = str(_FOLDER / "__pycache__" / hashlib.sha256(_CODE).hexdigest()[:16])
+# Numba looks at a function's own file alone: what it inlines from another would stay as it was
+config.CACHE_DIR = str(Path(config.CACHE_DIR or _FOLDER / "__pycache__") / hashlib.sha256(_CODE).hexdigest()[:16])
 
 
 @functools.cache
@@ -27,7 +27,8 @@ def prepare() -> None:
     was cached with it; with reassociated sums the two differ from the fourth digit on. So that a result does not depend
     on who was first, no process runs what it compiled itself. Where the cache cannot be written, it does.
     """
-    stamp = Path(config.CACHE_DIR) / "compiled"
+    processor = repr(cpu_target.target_context.codegen().magic_tuple())  # whose code Numba keeps apart
+    stamp = Path(config.CACHE_DIR) / f"compiled-{hashlib.sha256(processor.encode()).hexdigest()[:16]}"
     try:
         stamp.parent.mkdir(parents=True, exist_ok=True)
         lock = (stamp.parent / "lock").open("w")
