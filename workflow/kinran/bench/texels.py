@@ -7,15 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran import frames
+from kinran.baselines import takeda_joint
 from kinran.fit import slope, takeda
-from kinran.fit.lobes import squared_widths
-from kinran.fit.predict import predict
+from kinran.fit.channels import Fitted
+from kinran.fit.samples import Samples
+from kinran.fit.slope import Lobes
+from kinran.fit.solver.lobes import squared_widths
+from kinran.near import Under
 from kinran_bsdf import models
 
 Array = NDArray[np.float64]
-Samples = NDArray[np.float32]
-Method = Callable[[Samples, Samples, Array, Array], Samples]
-"""Samples and weights under lights, and other lights: the prediction for these."""
+Single = NDArray[np.float32]
+Method = Callable[[Samples], Fitted]
 
 
 def grid(step_theta: float = 5.0, azimuths: int = 24) -> Array:
@@ -26,7 +29,7 @@ def grid(step_theta: float = 5.0, azimuths: int = 24) -> Array:
     return np.concatenate([[[0, 0, 1]], frames.direction(t.ravel(), p.ravel())])
 
 
-def radiance(shapes: Array, colours: Array, lights: Array, tail: str = "ggx") -> Samples:
+def radiance(shapes: Array, colours: Array, lights: Array, tail: str = "ggx") -> Single:
     """T (texel, 3, light) of one lobe (texel, 7) and colours (texel, 2, 3), by the plugin's definition."""
     s = frames.slopes(lights)
     x, y, nx, ny = (shapes[:, k, None] for k in (0, 1, 5, 6))
@@ -36,7 +39,7 @@ def radiance(shapes: Array, colours: Array, lights: Array, tail: str = "ggx") ->
     return np.asarray(colours[:, 0, :, None] * G[:, None] + colours[:, 1, :, None] * D[:, None], np.float32)
 
 
-def microfacets(shapes: Array, colours: Array, lights: Array) -> Samples:
+def microfacets(shapes: Array, colours: Array, lights: Array) -> Single:
     """As `radiance`, of what no fit here assumes: GGX microfacets about a tilted normal, with Smith's shadowing."""
     n = np.concatenate([shapes[:, :2], np.ones((len(shapes), 1))], 1)
     n /= np.linalg.norm(n, axis=1, keepdims=True)
@@ -85,19 +88,19 @@ def facets(tilt: float, count: int = 40, width: float = 0.12) -> tuple[Array, Ar
     return shapes, colours
 
 
-def noisy(clean: NDArray[np.floating], seed: int = 1, share: float = 0.01, floor: float = 0.003) -> Samples:
+def noisy(clean: NDArray[np.floating], seed: int = 1, share: float = 0.01, floor: float = 0.003) -> Single:
     """With noise, relative and of 1."""
     rng = np.random.default_rng(seed)
     noise = share * clean * rng.normal(size=clean.shape) + floor * rng.normal(size=clean.shape)
     return (clean + noise).astype(np.float32)
 
 
-def ones(T: Samples) -> Samples:
+def ones(T: Single) -> Single:
     """Weights (texel, light) of samples that all count alike."""
     return np.ones((len(T), T.shape[2]), np.float32)
 
 
-def relative(predicted: Samples, truth: Samples) -> Array:
+def relative(predicted: Single, truth: Single) -> Array:
     """√(Σ (m - g)² / Σ g²) of each texel."""
     error, energy = ((predicted.astype(float) - truth) ** 2).sum((1, 2)), (truth.astype(float) ** 2).sum((1, 2))
     return np.asarray(np.sqrt(error / np.maximum(energy, 1e-30)))
@@ -128,50 +131,28 @@ class Split:
         ring, azimuth = np.divmod(np.arange(len(lights) - 1), azimuths)
         return cls(lights, np.r_[False, (ring + 1 + azimuth) % 4 == 0])
 
-    def error(self, method: Method, clean: Samples, seen: Samples, W: Samples | None = None) -> Array:
+    def error(self, method: Method, clean: Single, seen: Single, W: Single | None = None) -> Array:
         """Relative error of each texel on the lights held out; infinite where the prediction is no number."""
         train = ~self.held
         T = np.ascontiguousarray(seen[..., train])
         weights = ones(T) if W is None else np.ascontiguousarray(W[:, train])
         with np.errstate(all="ignore"):
-            error = relative(method(T, weights, self.lights[train], self.lights[self.held]), clean[..., self.held])
+            fitted = method(Samples.far(T, weights, self.lights[train]))
+            error = relative(fitted.predict(Under.far(self.lights[self.held], len(T))), clean[..., self.held])
         return np.where(np.isfinite(error), error, np.inf)
 
 
-def lobes(tail: str = "ggx", count: int = 1, **options: object) -> Method:
-    """The method of `kinran.fit.slope` with options of its `fit`."""
-
-    def method(T: Samples, W: Samples, lights: Array, at: Array) -> Samples:
-        return predict(slope.fit(T, W, lights, tail, count, **options), at, tail)  # type: ignore[arg-type]
-
-    return method
+def lobes(tail: str = "ggx", count: int = 1, narrow: float | None = None) -> Method:
+    """The method of `kinran.fit.slope`."""
+    return lambda samples: slope.fit(samples, Lobes(tail, count), narrow=narrow)
 
 
-def four_steps(T: Samples, W: Samples, lights: Array, at: Array) -> Samples:
-    """The method of the paper."""
-    return eq3(_steps(T, lights), at)
+def four_steps(samples: Samples) -> takeda.TakedaFit:
+    """The method of the paper, with half a step of the grid as the tolerance of θ and φ."""
+    phi = np.unique(np.round(frames.angles(samples.under.directions)[1], 6))
+    return takeda.four_steps(samples, np.radians(2.5), float(0.51 * np.median(np.diff(phi))))
 
 
 def joint(wrap: bool = True) -> Method:
     """Eq. 3 by non-linear least squares, its azimuth wrapped or as printed."""
-
-    def method(T: Samples, W: Samples, lights: Array, at: Array) -> Samples:
-        return eq3(takeda.joint(T, W, lights, _steps(T, lights), wrap), at, wrap)
-
-    return method
-
-
-def eq3(fitted: takeda.TakedaFit, lights: Array, wrap: bool = True) -> Samples:
-    """T (texel, 3, light) of Eq. 3."""
-    theta, phi = frames.angles(frames.half_vector(lights))
-    theta_n, phi_n, dt, dp = (fitted.shapes[:, k, None] for k in range(4))
-    turn = frames.wrap(phi - phi_n) if wrap else phi - phi_n
-    G = np.exp(-(((theta - theta_n) / dt) ** 2) - (turn / dp) ** 2)
-    T = fitted.colours[:, 0, :, None] * G[:, None] + fitted.colours[:, 1, :, None] * lights[:, 2]
-    return np.asarray(T, np.float32)
-
-
-def _steps(T: Samples, lights: Array) -> takeda.TakedaFit:
-    """The four steps, with half a step of the grid as the tolerance of θ and φ."""
-    phi = np.unique(np.round(frames.angles(lights)[1], 6))
-    return takeda.four_steps(T, lights, np.radians(2.5), float(0.51 * np.median(np.diff(phi))))
+    return lambda samples: takeda_joint.fit(samples, four_steps(samples), wrap)
