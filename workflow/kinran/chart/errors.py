@@ -106,6 +106,13 @@ def by_region(predicted: Single, trial: Trial) -> dict[str, float]:
     return {name: ratio_of(e[at], g[at]) for name, at in inside.items() if at.any()}
 
 
+def psnr(predicted: Single, trial: Trial) -> Array:
+    """PSNR (light,), in dB, of displayed values in the stack's RGB, as `kinran evaluate` has it."""
+    p, g, v = (np.moveaxis(a, -1, 0) for a in (predicted, trial.truth, trial.valid.astype(np.float32)))
+    shown = [metrics.to_display(a, trial.coder, trial.peak) for a in (p, g)]
+    return np.array([metrics.psnr(*of_light) for of_light in zip(*shown, v, strict=True)])
+
+
 def pictures(predicted: Single, trial: Trial) -> dict[str, float]:
     """PSNR and SSIM in linear and in display values; nothing for a trial that is no picture."""
     height, width = trial.shape

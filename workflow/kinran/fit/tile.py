@@ -20,7 +20,7 @@ from kinran.fit.priors import Priors
 from kinran.fit.regions import chosen_lobes, lobed_labels
 from kinran.fit.samples import Samples
 from kinran.fit.slope import Lobes
-from kinran.fit.tolerances import tolerances
+from kinran.lights import half_steps
 from kinran.log import progress
 from kinran.stack import Box
 
@@ -138,7 +138,7 @@ class _Job:
 
     def four_steps(self, tile: Samples) -> takeda.TakedaFit:
         """The paper's own fit."""
-        return takeda.four_steps(tile, *tolerances(self.fabric.stack.lights))
+        return takeda.four_steps(tile, *half_steps(self.fabric.stack.lights))
 
     def diffuse(self, tile: Samples) -> lambert.LambertFit:
         """No lobe."""

@@ -6,12 +6,12 @@ from kinran.chart.trial import Trial
 from kinran.fit import takeda
 from kinran.fit.channels import Fitted
 from kinran.fit.takeda import TakedaFit
-from kinran.fit.tolerances import tolerances
+from kinran.lights import half_steps
 
 
 def four_steps(trial: Trial) -> TakedaFit:
     """The four steps, as the pipeline takes them."""
-    return takeda.four_steps(trial.samples, *tolerances(trial.lights))
+    return takeda.four_steps(trial.samples, *half_steps(trial.lights))
 
 
 def _joint(trial: Trial) -> Fitted:
