@@ -1,6 +1,7 @@
 """A folder of photographs, from `kinran rti` to `kinran relight`, as a user runs it."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -92,6 +93,24 @@ def test_relight_is_upright_and_says_what_the_evaluation_says(out: Path, tmp_pat
     truth = parse("srgb").decode(np.asarray(Image.open(folder / "IMG 04.png")) / 255)
     assert np.abs(image - truth).mean() < 0.03
     assert np.abs(image[::-1] - truth).mean() > 2 * np.abs(image - truth).mean()
+
+
+def test_the_page_of_python_makes_the_same_material(
+    out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The program of docs/python.md, word for word: the maps of the workflow's one GGX lobe, and their errors."""
+    (program,) = re.findall(
+        r"^```python\n(.*?)^```", (ROOT / "docs" / "python.md").read_text(), re.MULTILINE | re.DOTALL
+    )
+    monkeypatch.chdir(tmp_path)
+    Path("photographs").symlink_to(photographs(out), target_is_directory=True)
+    exec(compile(program, "docs/python.md", "exec"), {})
+    assert (tmp_path / "out" / "slope.exr").read_bytes() == (out / "fit" / "slope.exr").read_bytes()
+    said, same = (json.loads((folder / "evaluation.json").read_text()) for folder in (tmp_path / "out", out))
+    errors, expected = (each["methods"]["slope"] for each in (said, same))
+    assert all(errors[key] == expected[key] for key in ("relative_error", "psnr", "regions", "lights"))
+    assert len(list((tmp_path / "out" / "relit").glob("*.exr"))) == LIGHTS
+    assert capsys.readouterr().out == f"{LIGHTS} pictures in out/relit\n"
 
 
 def test_again_does_nothing_and_another_crop_starts_over(out: Path) -> None:
