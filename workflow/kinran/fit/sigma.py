@@ -61,7 +61,7 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
     material = read_material(inputs.material)
     if material.model != "slope":
         raise InputError(f"{inputs.material}: is of model {material.model}; give one of model slope")
-    priors = Priors.read(inputs.prior, stack)
+    priors = Priors.read(inputs.prior, fabric)
     least = AT_BOUND * slope.resolution(stack.directions[~stack.held_out], material.lobes)
     maps: dict[str, Map] = {}
     for box in progress(stack.tiles(), "sigma", "tiles"):
