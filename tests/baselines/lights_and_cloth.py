@@ -2,7 +2,10 @@
 
 import numpy as np
 
+from kinran.fit.channels import Fitted
+from kinran.fit.samples import Samples
 from kinran.frames import direction
+from kinran.near import Under
 
 
 def spiral(count: int, theta_max: float = 80.0) -> np.ndarray:
@@ -21,6 +24,16 @@ def shiny(texels: int, lights: np.ndarray, seed: int = 0) -> np.ndarray:
     colour = rng.uniform(0.2, 1.0, (texels, 3))
     T = colour[:, :, None] * np.exp(-q)[:, None] + 0.3 * colour[:, ::-1, None] * lights[:, 2]
     return T.astype(np.float32)
+
+
+def given(T: np.ndarray, lights: np.ndarray, W: np.ndarray | None = None) -> Samples:
+    """Samples under lights that are far away; all count alike by default."""
+    return Samples.far(T, np.ones(T.shape[::2], np.float32) if W is None else W, lights)
+
+
+def said(fitted: Fitted, lights: np.ndarray) -> np.ndarray:
+    """What a fit says under lights that are far away."""
+    return fitted.predict(Under.far(lights))
 
 
 def relative(predicted: np.ndarray, truth: np.ndarray) -> float:

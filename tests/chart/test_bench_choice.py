@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from trials import shiny_trial
+from trials import shiny_trial, with_samples
 
 from kinran.bench import choice
 
@@ -24,12 +24,12 @@ def test_dearer_bytes_buy_fewer_and_what_is_lost_is_said() -> None:
 def test_a_region_without_a_lobe_is_joined_as_such() -> None:
     """A matte region: the lobes of the shiny one and the cosine of the other."""
     tried = shiny_trial()
-    matte = tried.region == 1
+    matte = tried.samples.region == 1
     T, truth = (
-        np.where(matte[:, None, None], 0.3 * lights[:, 2], values).astype(np.float32)
-        for values, lights in ((tried.T, tried.lights), (tried.truth, tried.held_out))
+        np.where(matte[:, None, None], 0.3 * under.directions[:, 2], values).astype(np.float32)
+        for values, under in ((tried.samples.T, tried.samples.under), (tried.truth, tried.held))
     )
-    found = choice.measure(replace(tried, T=T, truth=truth))
+    found = choice.measure(replace(with_samples(tried, T=T), truth=truth))
     at = found["costs"]["0.3"]
     assert at["chosen"] == ["one GGX lobe", "lambert"]
     assert at["bytes"] == pytest.approx(26 * np.mean(~matte) + 6 * np.mean(matte))

@@ -73,10 +73,10 @@ def test_part_of_a_map_has_no_picture() -> None:
 def test_bands_and_regions() -> None:
     tried = shiny_trial()
     predicted = tried.truth.copy()
-    predicted[tried.region == 1] *= 1.5
-    regions = errors.by_region(predicted, tried, ["gold", "red", "blue"])
+    predicted[tried.samples.region == 1] *= 1.5
+    regions = errors.by_region(predicted, replace(tried, regions=("gold", "red", "blue")))
     assert regions == {"gold": 0, "red": pytest.approx(0.5, rel=1e-4)}
-    steep = np.degrees(np.arccos(tried.held_out[:, 2])) > 50
+    steep = np.degrees(np.arccos(tried.held.directions[:, 2])) > 50
     predicted = tried.truth.copy()
     predicted[:, :, steep] *= 1.2
     bands = errors.by_band(predicted, tried)
@@ -96,11 +96,12 @@ def test_similarity_falls_with_noise_and_with_shift() -> None:
 def test_criteria_weigh_the_residual_against_the_numbers() -> None:
     """A residual e times as large costs n; a number costs 2 or ln n. What goes through its samples has none."""
     tried = shiny_trial()
-    n = tried.T[0].size
-    noise = np.random.default_rng(0).normal(0, 0.01, tried.T.shape).astype(np.float32)
-    small, large = (errors.criteria(tried.T + scale * noise, tried, 10) for scale in (1, np.float32(np.e)))
+    T = tried.samples.T
+    n = T[0].size
+    noise = np.random.default_rng(0).normal(0, 0.01, T.shape).astype(np.float32)
+    small, large = (errors.criteria(T + scale * noise, tried, 10) for scale in (1, np.float32(np.e)))
     assert large["aic"] - small["aic"] == pytest.approx(2 * n, rel=1e-3)
-    more = errors.criteria(tried.T + noise, tried, 11)
+    more = errors.criteria(T + noise, tried, 11)
     assert more["aic"] - small["aic"] == pytest.approx(2, abs=1e-6)
     assert more["bic"] - small["bic"] == pytest.approx(np.log(n), abs=1e-6)
-    assert errors.criteria(tried.T, tried, 10) == {}
+    assert errors.criteria(T, tried, 10) == {}

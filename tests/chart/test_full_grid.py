@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from kinran.bench import chart, fit
-from kinran.chart import rows, trial
+from kinran.chart import rows, stage, trial
+from kinran.chart.methods import kinds
 from kinran.chart.rows import Row
+from kinran.fabric import Fabric
 from kinran.frames import direction
+from kinran.labels import Region, write_labels, write_regions
 from kinran.stack import Stack
 from kinran.virtual.weave import VirtualFabric
 
@@ -22,11 +25,14 @@ def test_the_stack_holds_what_the_camera_saw_and_how_bright_it_can_see(
     seen = np.random.default_rng(0).uniform(0, 2, (4, 16, 3)).astype(np.float32)
     held = np.array([False, True, False, False])
     scene = fit.Truth(seen, seen, lights, held, np.ones(4), np.ones(16, bool))
-    chart.write_stack(scene, tmp_path / "s.zarr")
-    stack = Stack.open(tmp_path / "s.zarr")
+    chart.write_stack(scene, tmp_path / "radiance.zarr")
+    stack = Stack.open(tmp_path / "radiance.zarr")
     assert [light.grid for light in stack.lights] == [(0, 0), (8, 0), (8, 18), (16, 71)]
     assert stack.texel_mm == pytest.approx(0.1)
-    tried = trial.read(stack, np.zeros((4, 4), np.intp), np.eye(3))
+    one = np.ones((4, 4), np.float32)
+    write_labels(tmp_path / "labels.exr", 0 * one.astype(int), one, 0 * one.astype(int), one)
+    write_regions(tmp_path / "regions.json", [Region(0, "gold", 16, (0.5, 0.5, 0.5), 1.0)])
+    tried = trial.read(Fabric(tmp_path))
     np.testing.assert_allclose(tried.truth[:, :, 0], seen[1], rtol=1e-3)
     clips = [float(clip[0]) for clip in tried.clips]
     assert clips == sorted(clips)
@@ -34,16 +40,21 @@ def test_the_stack_holds_what_the_camera_saw_and_how_bright_it_can_see(
     assert 0.1 < clips[0] < 0.12
 
 
-def test_command_lines_are_those_of_the_stages(tmp_path: Path) -> None:
-    import argparse
-    import importlib
+def test_all_kinds_of_methods_are_charted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the stage `chart` writes for each kind, joined to one table."""
 
-    from kinran.__main__ import COMMANDS
+    def one_row(inputs: stage.Inputs, out: Path, options: stage.Options) -> None:
+        assert inputs.fabric == tmp_path
+        family = "default" if options.kind == "default" else "kinran"
+        values = {"relative_error": 0.1, "microseconds": 1.0, "bytes": 9.0, "psnr_display": 30.0}
+        floor = Row(options.name, "floor", "relative_error", "read", "floor", 9, {"microseconds": 0.5})
+        rows.write(out, [floor, Row(options.name, "all", "", options.kind, family, 9, values)])
 
-    for name, *words in chart.commands(tmp_path):
-        parser = argparse.ArgumentParser()
-        importlib.import_module(COMMANDS[name][0]).add_arguments(parser)
-        assert parser.parse_args(words).out.parent == tmp_path
+    monkeypatch.setattr(stage, "main", one_row)
+    chart.charted(tmp_path)
+    found = [row.method for row in rows.read(tmp_path / "chart.csv") if row.experiment == "all"]
+    assert sorted(found) == sorted(["default", *kinds()])
+    assert all((tmp_path / name).is_file() for name in ("chart.svg", "chart.png", "chart.html"))
 
 
 def test_targets_are_met_or_missed(tmp_path: Path) -> None:

@@ -1,9 +1,14 @@
 """A small trial: shiny cloth of two regions under lights on a grid."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from kinran.chart.trial import Trial
+from kinran.fit.samples import Samples
 from kinran.frames import direction
+from kinran.near import Under
+from kinran.stack import Light
 
 SHAPE = (9, 12)
 
@@ -22,21 +27,25 @@ def shiny_trial(seed: int = 0) -> Trial:
     colour = np.array([[1.0, 0.8, 0.3], [0.5, 0.05, 0.05]])[region]
     T = (colour[:, :, None] * (lobe[:, None] + 0.2 * lights[:, 2])).astype(np.float32)
     held = grid.sum(1) % 4 == 0
+    weights = np.ones((texels, int((~held).sum())), np.float32)
     return Trial(
-        T=np.ascontiguousarray(T[:, :, ~held]),
-        W=np.ones((texels, int((~held).sum())), np.float32),
-        bounds=np.zeros((texels, int((~held).sum())), np.float32),
-        lights=lights[~held],
+        samples=Samples.far(np.ascontiguousarray(T[:, :, ~held]), weights, lights[~held], region),
+        lights=tuple(
+            Light(f"{i} {k}", tuple(lights[n]), grid=(int(i), int(k))) for n, (i, k) in enumerate(grid) if not held[n]
+        ),
+        held=Under.far(lights[held], texels),
         truth=np.ascontiguousarray(T[:, :, held]),
         valid=np.ones((texels, 3, int(held.sum())), bool),
-        held_out=lights[held],
         share=np.sqrt(1 - lights[held, 2] ** 2),
-        region=region,
-        second=region,
-        grid=grid[~held],
+        regions=("gold", "red"),
         shape=SHAPE,
         coder=None,
         peak=float(np.percentile(T, 99.9)),
         clips=(np.full(3, 0.4), np.full(3, 1.6), np.full(3, 6.4)),
         to_rec709=np.eye(3),
     )
+
+
+def with_samples(trial: Trial, **parts: np.ndarray) -> Trial:
+    """The trial with other parts of its training samples: T, W, region, second."""
+    return replace(trial, samples=replace(trial.samples, **parts))

@@ -13,14 +13,13 @@ import yaml
 from kinran import encoding
 from kinran.code import ROOT
 from kinran.files import InputError
+from kinran.fit.few_lights import FEW_LIGHTS
 from kinran.geometry import Distances
 from kinran.lights import lp_file, read_lp
 from kinran.plan import group_names, plan_grid
 from kinran.plans import list_group_names
 from kinran.sheets import read_sheet
 
-FEW_LIGHTS = 45
-"""Under so many lights there is one slope lobe, whatever the config says."""
 OF_PHOTOGRAPHS = ("lamp_mm", "field_mm", "camera_mm", "chart", "chart_corners", "lamp")
 """Columns of the sheet of fabrics that it need not have."""
 SCHEMAS = ROOT / "workflow" / "schemas"

@@ -9,11 +9,12 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran import encoding, metrics, pictures, prediction
+from kinran import metrics, pictures, prediction
 from kinran.fabric import Fabric
 from kinran.files import InputError, read_json, write_json
+from kinran.heldout import HeldOut
 from kinran.labels import LabelMap, Region
-from kinran.stack import HOT, SATURATED, SHIFTED, Light, Stack
+from kinran.stack import Stack
 from kinran_bsdf.colours import TO_REC709
 from kinran_bsdf.material import read_material
 
@@ -70,7 +71,7 @@ def main(inputs: Inputs, out: Outputs, options: Options) -> None:
             predicted = _predicted(path, stack, held)
             seconds = time.process_time() - start
             predictions[path.stem] = predicted
-            errors = held.errors(predicted, fabric.labels, fabric.regions)
+            errors = errors_of(held, predicted, fabric.labels, fabric.regions)
             result["methods"][path.stem] = {**errors, "relight_cpu_seconds": round(seconds, 3)}
             log.info("%s: %.2f dB, relative %.3f", path.stem, errors["psnr"], errors["relative_error"])
         picture = _picture(predictions, held, stack)
@@ -83,84 +84,39 @@ def main(inputs: Inputs, out: Outputs, options: Options) -> None:
     write_json(out.errors, result)
 
 
-@dataclass(frozen=True)
-class HeldOut:
-    """Photographs under the held-out lights.
+def errors_of(held: HeldOut, predicted: Images, labels: LabelMap, regions: list[Region]) -> dict[str, Any]:
+    """Errors of a prediction (light, y, x, 3): over everything, by region, by light and by texel."""
+    n = len(held.lights)
+    p, g, v = (a.reshape(n, -1, 3) for a in (predicted, held.truth, held.valid))
+    dp, dg = held.shown(p), held.shown(g)
+    weight = held.share
 
-    Attributes
-    ----------
-    lights
-        The held-out lights, and their `use` (light,) in the stack.
-    truth : (light, y, x, 3) float32
-        In the stack's unit; 0 for what cannot be judged by.
-    valid : (light, y, x, 3) float32
-        1 for samples that can be judged by.
-    coder
-        Encoding of photographs; None for radiance.
-    peak
-        99.9th percentile of the truth.
-    """
-
-    lights: list[Light]
-    use: NDArray[np.intp]
-    truth: Images
-    valid: Images
-    coder: encoding.Encoding | None
-    peak: float
-
-    @classmethod
-    def read(cls, stack: Stack) -> "HeldOut":
-        """Photographs of a stack."""
-        use = np.flatnonzero(stack.held_out)
-        truth = np.zeros((len(use), stack.height, stack.width, 3), np.float32)
-        valid = np.zeros_like(truth)
-        bad = HOT | SHIFTED | (0 if stack.encoding else SATURATED)
-        for y0, y1, x0, x1 in stack.tiles():
-            radiance, flags = stack.read_tile(y0, y1, x0, x1, lights=use)
-            ok = ((flags & bad) == 0) & np.isfinite(radiance)
-            valid[:, y0:y1, x0:x1] = ok
-            truth[:, y0:y1, x0:x1] = np.where(ok, radiance, 0)
-        coder = encoding.parse(stack.encoding) if stack.encoding else None
-        return cls([stack.lights[i] for i in use], use, truth, valid, coder, float(np.percentile(truth, 99.9)) or 1.0)
-
-    def shown(self, light: Images) -> Images:
-        """Light as it is displayed."""
-        return metrics.to_display(light, self.coder, self.peak)
-
-    def errors(self, predicted: Images, labels: LabelMap, regions: list[Region]) -> dict[str, Any]:
-        """Errors of a prediction (light, y, x, 3): over everything, by region, by light and by texel."""
-        n = len(self.lights)
-        p, g, v = (a.reshape(n, -1, 3) for a in (predicted, self.truth, self.valid))
-        dp, dg = self.shown(p), self.shown(g)
-        sines = np.array([max(1 - light.direction[2] ** 2, 0.0) ** 0.5 for light in self.lights])
-        weight = sines if all(light.grid for light in self.lights) else np.ones(n)
-
-        def over(inside: NDArray[np.bool_] | slice) -> dict[str, float]:
-            by_light = [metrics.psnr(dp[i][inside], dg[i][inside], v[i][inside]) for i in range(n)]
-            relative = metrics.relative_error(p[:, inside], g[:, inside], v[:, inside], weight)
-            return {
-                "relative_error": round(relative, 5),
-                "psnr": round(float(np.mean(by_light)), 3),
-                "psnr_min": round(float(np.min(by_light)), 3),
-            }
-
-        def of_light(i: int) -> dict[str, float]:
-            one = slice(i, i + 1)
-            return {
-                "psnr": round(metrics.psnr(dp[i], dg[i], v[i]), 3),
-                "relative_error": round(metrics.relative_error(p[one], g[one], v[one], np.ones(1)), 5),
-            }
-
-        w = weight[:, None, None] * v
-        texel = np.sqrt((w * (p - g) ** 2).sum((0, 2)) / np.maximum((w * g**2).sum((0, 2)), 1e-12))
+    def over(inside: NDArray[np.bool_] | slice) -> dict[str, float]:
+        by_light = [metrics.psnr(dp[i][inside], dg[i][inside], v[i][inside]) for i in range(n)]
+        relative = metrics.relative_error(p[:, inside], g[:, inside], v[:, inside], weight)
         return {
-            **over(slice(None)),
-            "texel_median": round(float(np.median(texel)), 5),
-            "texel_p95": round(float(np.percentile(texel, 95)), 5),
-            "texels_above_1": round(float((texel > 1).mean()), 6),
-            "regions": {r.name: {**over(labels.reshape(-1) == r.label), "texels": r.texels} for r in regions},
-            "lights": {light.name: of_light(i) for i, light in enumerate(self.lights)},
+            "relative_error": round(relative, 5),
+            "psnr": round(float(np.mean(by_light)), 3),
+            "psnr_min": round(float(np.min(by_light)), 3),
         }
+
+    def of_light(i: int) -> dict[str, float]:
+        one = slice(i, i + 1)
+        return {
+            "psnr": round(metrics.psnr(dp[i], dg[i], v[i]), 3),
+            "relative_error": round(metrics.relative_error(p[one], g[one], v[one], np.ones(1)), 5),
+        }
+
+    w = weight[:, None, None] * v
+    texel = np.sqrt((w * (p - g) ** 2).sum((0, 2)) / np.maximum((w * g**2).sum((0, 2)), 1e-12))
+    return {
+        **over(slice(None)),
+        "texel_median": round(float(np.median(texel)), 5),
+        "texel_p95": round(float(np.percentile(texel, 95)), 5),
+        "texels_above_1": round(float((texel > 1).mean()), 6),
+        "regions": {r.name: {**over(labels.reshape(-1) == r.label), "texels": r.texels} for r in regions},
+        "lights": {light.name: of_light(i) for i, light in enumerate(held.lights)},
+    }
 
 
 def _predicted(path: Path, stack: Stack, held: HeldOut) -> Images:

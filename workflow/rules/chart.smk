@@ -26,15 +26,15 @@ rule chart_kind:
     resources:
         mem_mb=3000,
     params:
-        stack=fitted_stack,
+        fabric=fitted_fabric,
         code=lambda wildcards: [
             digest(f"kinran.chart.methods.{wildcards.kind}"),
             digest("kinran.chart.experiments"),
         ],
     shell:
         "export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1;"
-        " python -m kinran chart {output:q} --fabric {wildcards.fabric} --stack {params.stack:q}"
-        " --labels {input.labels:q} --regions {input.regions:q} --kind {wildcards.kind} 2>&1 | tee {log}"
+        " python -m kinran chart {output:q} --fabric {params.fabric:q} --name {wildcards.fabric}"
+        " --kind {wildcards.kind} 2>&1 | tee {log}"
 
 
 rule chart_default:
@@ -54,13 +54,12 @@ rule chart_default:
     resources:
         mem_mb=3000,
     params:
-        stack=fitted_stack,
+        fabric=fitted_fabric,
         code=digest("kinran.chart.default"),
     shell:
         "export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1;"
-        " python -m kinran chart {output:q} --fabric {wildcards.fabric} --stack {params.stack:q}"
-        " --labels {input.labels:q} --regions {input.regions:q} --kind default --material {input.material:q}"
-        " --summary {input.summary:q} 2>&1 | tee {log}"
+        " python -m kinran chart {output:q} --fabric {params.fabric:q} --name {wildcards.fabric}"
+        " --kind default --material {input.material:q} --summary {input.summary:q} 2>&1 | tee {log}"
 
 
 rule chart_regions:
@@ -72,12 +71,12 @@ rule chart_regions:
     log:
         "logs/{fabric}/chart/regions.log",
     params:
-        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        fabric=lambda wildcards: f"results/{wildcards.fabric}",
         scene=virtual_rig,
         code=digest("kinran.chart.regions"),
     shell:
-        "python -m kinran chart-regions {output:q} --fabric {wildcards.fabric} --stack {params.stack:q}"
-        " --labels {input.labels:q} --scene {params.scene:q} 2>&1 | tee {log}"
+        "python -m kinran chart-regions {output:q} --fabric {params.fabric:q} --name {wildcards.fabric}"
+        " --scene {params.scene:q} 2>&1 | tee {log}"
 
 
 rule chart_fabric:

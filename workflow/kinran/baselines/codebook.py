@@ -1,7 +1,7 @@
 """Vector quantisation: each texel takes the nearest of a few code vectors, times a brightness (SY04)."""
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,27 +9,31 @@ from scipy.cluster.vq import kmeans2
 
 from kinran.baselines import components
 from kinran.baselines.interpolation import Matrix
+from kinran.fit.samples import Samples
+from kinran.near import Under
 
-Samples = NDArray[np.float32]
+Single = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 SCORES = 16
-"""Principal components in which codes are told apart."""
+"""Principal components in which codes are told apart: as many as the largest of `PCA` in the chart. A choice."""
+ROUNDS = 20
+"""Rounds of k-means. A choice."""
 
 
 @dataclass(frozen=True)
 class Codebook:
     """Codes (k, 3, light) of unit norm's shape, and for each texel its code (texel,) and brightness (texel,)."""
 
-    codes: Samples
+    codes: Single
     code: NDArray[np.intp]
-    brightness: Samples
+    brightness: Single
     lights: Array
     matrix: Matrix
 
     @property
     def numbers(self) -> float:
-        """Numbers of a texel: a brightness, and a code of a byte."""
+        """Numbers that each texel keeps: a brightness, and a code of a byte."""
         return 1.5
 
     @property
@@ -37,28 +41,27 @@ class Codebook:
         """Numbers that all texels share."""
         return int(self.codes.size)
 
+    def predict(self, under: Under) -> Single:
+        """Values (texel, 3, light) under some lights, of the kind that was fitted."""
+        M = self.matrix(self.lights, under.directions).T.astype(np.float32)
+        return np.asarray((self.codes @ M)[self.code] * self.brightness[:, None, None])
 
-def fit(T: Samples, lights: Array, count: int, matrix: Matrix) -> Codebook:
+
+def fit(samples: Samples, count: int, matrix: Matrix) -> Codebook:
     """Codes by k-means, seeded alike every time, on the scores of unit-norm texels."""
-    texels = len(T)
+    T, texels = samples.T, len(samples)
     norm = np.linalg.norm(T.reshape(texels, -1), axis=1)
     unit = T / np.maximum(norm, 1e-12)[:, None, None]
-    scores = components.fit(unit, lights, SCORES, matrix).scores
+    scores = components.fit(replace(samples, T=unit), SCORES, matrix).scores
     count = min(count, texels)
     start = scores[np.random.default_rng(0).choice(texels, count, replace=False)]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # a code that no texel takes is no harm
-        code = np.asarray(kmeans2(scores, start, minit="matrix", iter=20)[1], np.intp)
+        code = np.asarray(kmeans2(scores, start, minit="matrix", iter=ROUNDS)[1], np.intp)
     sizes = np.maximum(np.bincount(code, minlength=count), 1)
     codes = np.zeros((count, *T.shape[1:]), np.float32)
     np.add.at(codes, code, unit)
     codes /= sizes[:, None, None].astype(np.float32)
     own = codes[code]
     brightness = (T * own).sum((1, 2)) / np.maximum((own * own).sum((1, 2)), 1e-12)
-    return Codebook(codes, code, brightness.astype(np.float32), lights, matrix)
-
-
-def predict(fitted: Codebook, lights: Array) -> Samples:
-    """Samples (texel, 3, light) under other lights."""
-    M = fitted.matrix(fitted.lights, lights).T.astype(np.float32)
-    return np.asarray((fitted.codes @ M)[fitted.code] * fitted.brightness[:, None, None])
+    return Codebook(codes, code, brightness.astype(np.float32), samples.under.directions, matrix)

@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran.baselines.interpolation import Matrix
+from kinran.fit.samples import Samples
+from kinran.near import Under
 
-Samples = NDArray[np.float32]
+Single = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 
@@ -22,34 +24,40 @@ class Components:
         Orthonormal.
     mean : (3, light) float32
     lights : (light, 3)
+        Directions from the field's centre.
     matrix
         Interpolation of the components to other lights.
     """
 
-    scores: Samples
-    components: Samples
-    mean: Samples
+    scores: Single
+    components: Single
+    mean: Single
     lights: Array
     matrix: Matrix
 
     @property
-    def numbers(self) -> int:
-        """Numbers of a texel."""
-        return int(self.scores.shape[1])
+    def numbers(self) -> float:
+        """Numbers that each texel keeps."""
+        return float(self.scores.shape[1])
 
     @property
     def shared(self) -> int:
         """Numbers that all texels share."""
         return int(self.components.size + self.mean.size)
 
+    def predict(self, under: Under) -> Single:
+        """Values (texel, 3, light) under some lights, of the kind that was fitted."""
+        M = self.matrix(self.lights, under.directions).T.astype(np.float32)
+        return np.asarray(np.tensordot(self.scores, self.components @ M, 1) + self.mean @ M)
 
-def fit(T: Samples, lights: Array, count: int, matrix: Matrix) -> Components:
+
+def fit(samples: Samples, count: int, matrix: Matrix) -> Components:
     """The first `count` principal components of the texels' vectors (3 · light).
 
     Found from the smaller of the two Gram matrices, so that neither many texels nor many lights are dear.
     """
-    texels, channels, n = T.shape
-    X = T.reshape(texels, channels * n)
+    texels, channels, n = samples.T.shape
+    X = samples.T.reshape(texels, channels * n)
     mean = X.mean(0)
     X = X - mean
     count = min(count, texels, channels * n)
@@ -61,10 +69,5 @@ def fit(T: Samples, lights: Array, count: int, matrix: Matrix) -> Components:
         values, vectors = np.linalg.eigh((X @ X.T).astype(float))
         scale = np.sqrt(np.maximum(values[::-1][:count], 1e-30))
         basis = ((X.T @ vectors[:, ::-1][:, :count]) / scale).astype(np.float32)
-    return Components(X @ basis, basis.T.reshape(count, channels, n).copy(), mean.reshape(channels, n), lights, matrix)
-
-
-def predict(fitted: Components, lights: Array) -> Samples:
-    """Samples (texel, 3, light) under other lights."""
-    M = fitted.matrix(fitted.lights, lights).T.astype(np.float32)
-    return np.asarray(np.tensordot(fitted.scores, fitted.components @ M, 1) + fitted.mean @ M)
+    found = basis.T.reshape(count, channels, n).copy()
+    return Components(X @ basis, found, mean.reshape(channels, n), samples.under.directions, matrix)

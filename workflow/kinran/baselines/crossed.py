@@ -11,72 +11,46 @@ At V = N the factor is all but constant: under light at 80° from the normal, ha
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran import frames
-from kinran.fit import separable
+from kinran.baselines import separable
+from kinran.baselines.separable import SeparableFit
+from kinran.fit.samples import Samples
 
-Samples = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 REFLECTANCE = 0.04
-"""Of a dielectric at normal incidence: silk. Gold's factor varies less."""
+"""Reflectance of a dielectric at normal incidence: silk. Gold's factor varies less."""
 LOW, HIGH = np.array([-1.2, -1.2, math.log(0.03), 0.0]), np.array([1.2, 1.2, math.log(1.0), math.log(8.0)])
+"""Bounds of the shapes μ_x, μ_y, ln of the narrow width, ln of the ratio of widths: facets up to 50°, no lobe narrower
+than the lights of the paper's grid tell. A choice."""
 WIDTH, RATIO = 0.15, 2.0
-"""To start from."""
+"""Narrow width and ratio to start from. A choice."""
 
 
-@dataclass(frozen=True)
-class Crossed:
-    """Shapes (texel, 2, 4) μ_x, μ_y, ln of the narrow width, ln of the ratio of widths; colours (texel, 3, 3)."""
-
-    shapes: Array
-    colours: Array
-    numbers: int = 17
-    shared: int = 0
+def fit(samples: Samples) -> SeparableFit:
+    """Fit every texel on its own, both families from the brightest sample's half vector."""
+    slopes = samples.under.slopes[samples.under.cell, separable.brightest(samples)]
+    widths = np.broadcast_to([math.log(WIDTH), math.log(RATIO)], (len(samples), 2))
+    start = np.concatenate([slopes, widths], 1)
+    return separable.fit(families, np.stack([start, start], 1), samples, LOW, HIGH)
 
 
-def fit(T: Samples, W: Samples, lights: Array) -> Crossed:
-    """Fit every texel on its own, both families from the brightest sample's half vector.
-
-    Parameters
-    ----------
-    T : (texel, 3, light) float32
-    W : (texel, light) float32
-        Weights; 0 leaves a sample out.
-    lights : (light, 3) float
-    """
-    brightest = np.where(W > 0, T.mean(1), -np.inf).argmax(1)
-    widths = np.broadcast_to([math.log(WIDTH), math.log(RATIO)], (len(T), 2))
-    one = np.concatenate([frames.slopes(lights)[brightest], widths], 1)
-    start = np.stack([one, one], 1)
-    found = separable.fit(lambda p: families(p, lights), start, T, W, lights[:, 2], LOW, HIGH)
-    return Crossed(found.shapes, found.colours)
-
-
-def predict(fitted: Crossed, lights: Array) -> Samples:
-    """Samples (texel, 3, light) under other lights."""
-    texels = len(fitted.shapes)
-    G = families(fitted.shapes.reshape(-1, 4), lights)[0].reshape(texels, 2, -1)
-    return separable.predict(G, fitted.colours, lights[:, 2])
-
-
-def families(p: Array, lights: Array) -> tuple[Array, Array]:
+def families(p: Array, slopes: Array, _lights: Array) -> tuple[Array, Array]:
     """Values (2n, light) of shapes (2n, 4), the two families in turn, and their derivatives (2n, 4, light)."""
     first = (np.arange(len(p)) % 2 == 0)[:, None]
-    x, y = frames.slopes(lights).T
+    x, y = slopes.T
     narrow, wide = np.exp(p[:, 2:3]), np.exp(p[:, 2:3] + p[:, 3:])
     a, b = np.where(first, narrow, wide), np.where(first, wide, narrow)
     u, v = (x - p[:, :1]) / a, (y - p[:, 1:2]) / b
-    G = fresnel(lights) * np.exp(-u * u - v * v)
+    G = fresnel(slopes) * np.exp(-u * u - v * v)
     stretched = np.where(first, v * v, u * u)
     return G, 2 * G[:, None] * np.stack([u / a, v / b, u * u + v * v, stretched], 1)
 
 
-def fresnel(lights: Array) -> Array:
-    """Schlick's factor (light,) of a mirroring facet, over that at normal incidence (Schlick1994, Eq. 15)."""
-    cosine = 1 / np.sqrt(1 + (frames.slopes(lights) ** 2).sum(1))
+def fresnel(slopes: Array) -> Array:
+    """Schlick's factor (light,) of facets of these slopes, over that at normal incidence (Schlick1994, Eq. 15)."""
+    cosine = 1 / np.sqrt(1 + (slopes**2).sum(1))
     return np.asarray(1 + (1 / REFLECTANCE - 1) * (1 - cosine) ** 5)

@@ -1,4 +1,7 @@
-"""Interpolation of the samples themselves over the light direction: Delaunay-linear, and thin plates."""
+"""Interpolation of the samples themselves over the light direction: Delaunay-linear, and thin plates.
+
+It is between lamps, which stand where they stand: all texels have the weights of the directions from the centre.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,9 +11,11 @@ from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import Delaunay, QhullError
 
+from kinran.fit.samples import Samples
 from kinran.frames import slopes
+from kinran.near import Under
 
-Samples = NDArray[np.float32]
+Single = NDArray[np.float32]
 Array = NDArray[np.float64]
 Matrix = Callable[[Array, Array], Array]
 """From lights (m, 3) and other lights (n, 3) to weights (n, m)."""
@@ -18,27 +23,26 @@ Matrix = Callable[[Array, Array], Array]
 
 @dataclass(frozen=True)
 class Kept:
-    """All samples (texel, 3, light), their lights, and how to go between them."""
+    """All samples T (texel, 3, light), their lights (light, 3), and how to go between them."""
 
-    samples: Samples
+    T: Single
     lights: Array
     matrix: Matrix
     shared: int = 0
 
     @property
-    def numbers(self) -> int:
-        """Numbers of a texel."""
-        return int(3 * self.samples.shape[2])
+    def numbers(self) -> float:
+        """Numbers that each texel keeps."""
+        return float(3 * self.T.shape[2])
+
+    def predict(self, under: Under) -> Single:
+        """Values (texel, 3, light) under some lights, of the kind that was kept."""
+        return np.asarray(self.T @ self.matrix(self.lights, under.directions).T.astype(np.float32))
 
 
-def fit(T: Samples, lights: Array, matrix: Matrix) -> Kept:
+def fit(samples: Samples, matrix: Matrix) -> Kept:
     """Keep the samples; `matrix` is `linear` or `thin_plate`."""
-    return Kept(T, lights, matrix)
-
-
-def predict(fitted: Kept, lights: Array) -> Samples:
-    """Samples (texel, 3, light) under other lights."""
-    return np.asarray(fitted.samples @ fitted.matrix(fitted.lights, lights).T.astype(np.float32))
+    return Kept(samples.T, samples.under.directions, matrix)
 
 
 def linear(lights: Array, others: Array) -> Array:

@@ -8,6 +8,7 @@ Labels = NDArray[np.intp]
 
 ROUNDS = 40
 RIDGE = 1e-4
+"""Rounds of expectation maximisation, and what is added to the diagonal of covariances. Choices."""
 
 
 def labels(features: Array, start: Labels, count: int) -> Labels:

@@ -5,17 +5,22 @@ The lights held out have the noise of the others.
 """
 
 import argparse
-import sys
+import logging
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from kinran.bench import fit
+from kinran import __main__ as kinran
+from kinran.bench import fit, stages
+from kinran.chart import default, rows, stage, table
+from kinran.chart.methods import kinds
 from kinran.files import InputError, write_json
 from kinran.stack import Light, write_metadata, write_shards
 from kinran.virtual.sensor import Sensor, shutter
 from kinran_bsdf.colours import TO_REC709
+
+log = logging.getLogger(__name__)
 
 EXPOSURES = (25, 100, 250, 1000, 4000)
 """Shutter speeds of the paper's bracket, 1/s: what can be held is known by them."""
@@ -42,8 +47,9 @@ def main(args: argparse.Namespace) -> None:
     """Run the stages, chart all methods, print the targets and write them as JSON."""
     args.out.mkdir(parents=True, exist_ok=True)
     write_stack(fit.truth(args.cache), args.out / "radiance.zarr")
-    for command in commands(args.out):
-        _run(command)
+    stages.segmented(args.out)
+    stages.fitted(args.out, 2, "gaussian")  # as in config.yaml
+    charted(args.out)
     found = targets(args.out / "chart.csv")
     write_json(args.out / "targets.json", found)
     for row in found:
@@ -77,42 +83,22 @@ def write_stack(scene: fit.Truth, folder: Path) -> None:
     write_metadata(folder, lights, side, side, texel_mm, "", "", "Rec. 709", np.linalg.inv(TO_REC709), noise)
 
 
-def commands(out: Path) -> list[list[str]]:
-    """Command lines of the stages, with the defaults of the config."""
-
-    def at(**files: str) -> list[str]:
-        return [part for name, file in files.items() for part in (f"--{name}", str(out / file))]
-
-    stack, labels, regions = at(stack="radiance.zarr"), at(labels="labels.exr"), at(regions="regions.json")
-    slope = ["--lobes", "2", "--tail", "gaussian"]
-    model, prior, summary = ["--model", "slope", *slope], at(prior="prior.json"), at(summary="slope.json")
-    fabric, pictures = ["--fabric", NAME], ["--pictures", str(out / "chart.svg"), str(out / "chart.png")]
-
-    def command(stage: str, file: str, *parts: list[str]) -> list[str]:
-        return [stage, str(out / file), *(word for part in parts for word in part)]
-
-    return [
-        command("segment", "labels.exr", stack, regions, at(statistics="statistics.exr")),
-        command("prior", "prior.json", stack, labels, regions, slope),
-        command("fit", "slope.npz", stack, labels, model, prior),
-        command("material", "material.exr", stack, labels, regions, model, at(runs="slope.npz"), summary),
-        command("chart", "chart.csv", stack, labels, regions, at(material="material.exr"), summary, pictures, fabric),
-        command("charts", "chart.html", at(charts="chart.csv")),
-    ]
-
-
-def _run(command: list[str]) -> None:
-    from kinran.__main__ import main as kinran
-
-    print("kinran " + " ".join(command), file=sys.stderr, flush=True)
-    if kinran(command):
-        raise InputError(f"{command[1]}: kinran {command[0]} failed; what it said stands above")
+def charted(folder: Path) -> None:
+    """All methods and the default, kind by kind; one table, its pictures, and the page."""
+    inputs = stage.Inputs(folder, folder / "material.exr", folder / "slope.json")
+    parts = []
+    for kind in [default.FAMILY, *kinds()]:
+        log.info("bench chart: %s", kind)
+        part = folder / f"{kind}.csv"
+        stage.main(inputs, part, stage.Options(NAME, kind))
+        parts += rows.read(part)
+    table.write(folder / "chart.csv", parts, [folder / "chart.svg", folder / "chart.png"])
+    if kinran.main(["charts", str(folder / "chart.html"), "--charts", str(folder / "chart.csv")]):
+        raise InputError(f"{folder}: kinran charts failed; what it said stands above")
 
 
 def targets(table: Path) -> list[dict[str, Any]]:
     """What each target asks and what the chart has for it."""
-    from kinran.chart import rows
-
     found = []
     for what, experiment, setting, method, measure, most in TARGETS:
         row = next(

@@ -1,8 +1,6 @@
 """What a byte has to gain: the lobes that are chosen at several costs, and what they lose under lights held out."""
 
 import argparse
-import contextlib
-import os
 import tempfile
 from collections import Counter
 from dataclasses import replace
@@ -12,18 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran import __main__ as kinran
 from kinran import metrics
-from kinran.bench import real_sets
+from kinran.bench import real_sets, stages
+from kinran.chart import errors, lobes
 from kinran.chart.trial import Trial, read, spread
+from kinran.fabric import Fabric
 from kinran.files import InputError, write_json
 from kinran.fit import choice, simplest
-from kinran.fit.candidates import CANDIDATES, Candidate, Sampled, fit
-from kinran.labels import read_labels, read_second
-from kinran.stack import Stack
+from kinran.fit.candidates import CANDIDATES, Candidate, display
+from kinran.fit.samples import read_some, spread_over_regions
 from kinran_bsdf.material import read_material, write_material
 
-Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 COSTS = (0.1, 0.2, 0.3, 0.5, 1.0)
@@ -46,32 +43,31 @@ def main(args: argparse.Namespace) -> None:
     """Measure, print a table, write JSON."""
     found: list[dict[str, Any]] = []
     if args.results:
-        whole = _trial(args.results / "radiance.zarr", args.results / "labels.exr")
-        counts = (len(whole.lights), *COUNTS)
-        for count in counts:
-            found.append(_row(args.results.name, whole.under(spread(whole.lights, count))))
+        whole = read(Fabric(args.results))
+        for count in (len(whole.lights), *COUNTS):
+            few = spread(whole.samples.under.directions, count)
+            found.append(_row(args.results.name, whole.under(few)))
         found.append({"name": args.results.name, "file": file_bytes(args.results)})
         print(f"bytes of the file, a texel: {found[-1]['file']}")
     for name in args.sets if args.data else ():
         if name not in real_sets.sets():
             raise InputError(f"--sets {name}: is none of {', '.join(real_sets.sets())}")
         with tempfile.TemporaryDirectory() as folder:
-            stack, labels = Path(folder) / "radiance.zarr", Path(folder) / "labels.exr"
-            real_sets.sets()[name](args.data).write(stack)
-            rest = ["--regions", f"{folder}/regions.json", "--statistics", f"{folder}/statistics.exr"]
-            with Path(os.devnull).open("w") as nowhere, contextlib.redirect_stderr(nowhere):
-                kinran.main(["segment", str(labels), "--stack", str(stack), *rest])
-            found.append(_row(name, _trial(stack, labels)))
+            real_sets.sets()[name](args.data).write(Path(folder) / "radiance.zarr")
+            with stages.quiet():
+                fabric = stages.segmented(Path(folder))
+            found.append(_row(name, read(fabric)))
     write_json(args.out, found)
 
 
 def file_bytes(results: Path) -> dict[str, float]:
     """Bytes a texel of a two-lobe material's file: as it is, and without lobes that texels alone do not need."""
-    stack, labels = Stack.open(results / "radiance.zarr"), read_labels(results / "labels.exr")
-    second, material = read_second(results / "labels.exr"), read_material(results / "fit" / "slope.exr")
-    sample = choice.sampled(stack, labels, second, int(labels.max()) + 1)
-    error = choice.judge(sample, 1)[CANDIDATES[-1].name].error(np.bincount(labels.ravel()) / labels.size)
-    needs = simplest.texel_map(stack, labels, second, sample, error, 1)
+    fabric, material = Fabric(results), read_material(results / "fit" / "slope.exr")
+    labels = fabric.labels
+    sample = read_some(fabric, spread_over_regions(labels, len(fabric.regions), choice.SAMPLE))
+    shown = display(fabric.stack, sample.T)
+    error = choice.judge(sample, shown, 1)[CANDIDATES[-1].name].error(np.bincount(labels.ravel()) / labels.size)
+    needs = simplest.texel_map(fabric, sample, shown, error, 1)
     kept = {
         name: np.where(needs >= int(name[4]), plane, 0).astype(np.float32) if name.startswith("lobe") else plane
         for name, plane in material.channels.items()
@@ -83,10 +79,6 @@ def file_bytes(results: Path) -> dict[str, float]:
         sizes = [path.stat().st_size / labels.size for path in (whole, part)]
     names = "all lobes", "lobes that are needed", "share of second lobes"
     return dict(zip(names, (*sizes, float((needs > 1).mean())), strict=True))
-
-
-def _trial(stack: Path, labels: Path) -> Trial:
-    return read(Stack.open(stack), read_labels(labels), np.eye(3), read_second(labels))
 
 
 def _row(name: str, trial: Trial) -> dict[str, Any]:
@@ -104,17 +96,20 @@ def measure(trial: Trial, threads: int = 1) -> dict[str, Any]:
 
     What is lost is against the best of all of these.
     """
-    present, region = np.unique(trial.region, return_inverse=True)
-    second = np.where(np.isin(trial.second, present), np.searchsorted(present, trial.second), region)
-    whole = Sampled(
-        trial.T, trial.W, trial.lights, region, second, lambda T: metrics.to_display(T, trial.coder, trial.peak)
-    )
-    inside = [np.flatnonzero(region == k) for k in range(len(present))]
-    some = [at[np.linspace(0, len(at) - 1, min(choice.SAMPLE, len(at))).astype(int)] for at in inside]
-    sample = whole.of(np.concatenate(some))
-    share = np.array([len(at) for at in inside]) / len(region)
-    judged = choice.judge(sample, threads)
-    said = {c.name: fit(c, whole, trial.held_out, sample.priors(c, threads), threads) for c in CANDIDATES}
+    samples = lobes.of_present_regions(trial.samples)
+    sizes = np.bincount(samples.region)
+    some = spread_over_regions(samples.region, len(sizes), choice.SAMPLE)
+    sample, share = samples.of(np.flatnonzero(some)), sizes / len(samples)
+
+    def shown(light: Single) -> Single:
+        return metrics.to_display(light, trial.coder, trial.peak)
+
+    def said_by(candidate: Candidate) -> Single:
+        priors = candidate.priors(sample, threads)
+        return trial.held.reaching(candidate.predicted(samples, priors, trial.held, threads))
+
+    judged = choice.judge(sample, shown, threads)
+    said = {candidate.name: said_by(candidate) for candidate in CANDIDATES}
     alone = {name: _psnr(T, trial) for name, T in said.items()}
     costs: dict[str, dict[str, Any]] = {}
     for cost in COSTS:
@@ -122,7 +117,7 @@ def measure(trial: Trial, threads: int = 1) -> dict[str, Any]:
         costs[f"{cost:g}"] = {
             "chosen": [kind.name for kind in kinds],
             "bytes": float(share @ [kind.size for kind in kinds]),
-            "psnr": _psnr(_joined(said, kinds, region), trial),
+            "psnr": _psnr(_joined(said, kinds, samples.region), trial),
         }
     best = max([*alone.values(), *(at["psnr"] for at in costs.values())])
     for at in costs.values():
@@ -141,6 +136,4 @@ def _joined(said: dict[str, Single], kinds: list[Candidate], region: NDArray[np.
 
 def _psnr(predicted: Single, trial: Trial) -> float:
     """Mean over the lights held out, in dB, of displayed values."""
-    p, g, v = (np.moveaxis(a, -1, 0) for a in (predicted, trial.truth, trial.valid.astype(np.float32)))
-    shown = [metrics.to_display(a, trial.coder, trial.peak) for a in (p, g)]
-    return float(np.mean([metrics.psnr(*pair) for pair in zip(*shown, v, strict=True)]))
+    return float(errors.psnr(predicted, trial).mean())

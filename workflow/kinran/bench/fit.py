@@ -1,13 +1,14 @@
 """Error and speed of the fit on a path-traced brocade under the paper's full grid, against what one would write."""
 
 import argparse
+import logging
 import platform
 import resource
-import sys
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,18 @@ from numpy.typing import NDArray
 from kinran import frames
 from kinran.bench import fit_memory
 from kinran.bench.stability import SHOTS
+from kinran.bench.texels import spread
 from kinran.files import write_json
-from kinran.fit import bounded, learned, samples, slope, takeda
-from kinran.fit.predict import predict
+from kinran.fit import bounded, learned, slope, takeda
+from kinran.fit.channels import Fitted
+from kinran.fit.priors import Prior
+from kinran.fit.samples import Samples, texels_first
+from kinran.fit.slope import Lobes
+from kinran.log import progress
+from kinran.near import Under
 from kinran.virtual.weave import VirtualFabric
-from kinran_bsdf import models
+
+log = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -51,6 +59,7 @@ class Truth:
     weight : (light,)
         Solid angle that a light stands for.
     gold : (texel,) bool
+        Whether a texel is gold; the others are silk.
     """
 
     clean: Single
@@ -60,16 +69,22 @@ class Truth:
     weight: Array
     gold: NDArray[np.bool_]
 
+    @property
+    def train(self) -> NDArray[np.intp]:
+        """Indices of the lights for the fit."""
+        return np.flatnonzero(~self.held)
+
+    def samples(self, use: NDArray[np.intp]) -> Samples:
+        """What is seen under some of the lights; the two regions are gold and silk."""
+        T = np.ascontiguousarray(self.seen[use].transpose(1, 2, 0))
+        W = np.ones((len(T), len(use)), np.float32)
+        return Samples.far(T, W, self.lights[use], (~self.gold).astype(np.intp))
+
 
 def truth(cache: Path) -> Truth:
     """Render, or take from the cache."""
     poses = [(0, 0)] + [(t, p) for t in range(STEP, 80001, STEP) for p in range(0, 360_000, STEP)]
-    images = []
-    for k, (theta, phi) in enumerate(poses):
-        images.append(FABRIC.frame(theta, phi, cache).reshape(-1, 3))
-        if k % 100 == 0:
-            print(f"ground truth: {k} of {len(poses)} lights", file=sys.stderr, flush=True)
-    clean = np.stack(images)
+    clean = np.stack([FABRIC.frame(*pose, cache).reshape(-1, 3) for pose in progress(poses, "ground truth", "lights")])
     angle = np.radians(np.array(poses) / 1000)
     rng = np.random.default_rng(0)
     relative, floor = NOISE
@@ -94,35 +109,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> None:
-    """Measure, print a table, write JSON; progress goes to the standard error."""
+    """Measure, print a table, write JSON."""
     scene = truth(args.cache)
-    train = np.flatnonzero(~scene.held)
-    lights = scene.lights[train]
-    T = np.ascontiguousarray(scene.seen[train].transpose(1, 2, 0))
-    W = np.ones((len(T), len(train)), np.float32)
-    rows = _references(T, scene, train)
-    for k, (name, tail, lobes, bent, iterations) in enumerate(VARIANTS):
-        print(f"fits: {k} of {len(VARIANTS)}", file=sys.stderr, flush=True)
-        fitted, micro = _timed(lambda: slope.fit(T, W, lights, tail, lobes, bent=bent, iterations=iterations), len(T))  # noqa: B023
-        rows.append({"name": name, "microseconds": micro, **_errors(fitted, scene, tail)})
+    samples = scene.samples(scene.train)
+    rows = _references(samples.T, scene)
+    for name, lobes, iterations in progress(VARIANTS, "bench fit", "fits"):
+        call = partial(slope.fit, samples, lobes, iterations=iterations)
+        fitted, micro = _timed(call, len(samples))
+        rows.append({"name": name, "microseconds": micro, **_errors(fitted, scene)})
         _print(rows[-1])
-    rows.append(_four_steps(T, lights, scene))
-    rows.append(_curve_fit(T, W, lights, scene))
+    rows.append(_four_steps(samples, scene))
+    rows.append(_curve_fit(samples, scene))
     times = {row["name"]: row["microseconds"] for row in rows}
     for row in rows:
         row["curve_fit_ratio"] = round(times["curve_fit"] / row["microseconds"], 1)
         row["four_steps_ratio"] = round(times["four steps"] / row["microseconds"], 2)
-    print("few lights", file=sys.stderr, flush=True)
-    few = [_few(scene, train, n) for n in (300, 100, 50, 30)]
-    exposures = [_exposures(scene, train, kept) for kept in (5, 4, 3, 2)]
-    threads, whole_map = _scaling(T, W, lights), _whole_map(scene)
-    print("memory at ten megapixels", file=sys.stderr, flush=True)
+    log.info("bench fit: few lights, few exposures")
+    few = [_few(scene, n) for n in (300, 100, 50, 30)]
+    exposures = [_exposures(scene, samples, kept) for kept in (5, 4, 3, 2)]
+    threads, whole_map = _scaling(samples), _whole_map(scene)
+    log.info("bench fit: memory at ten megapixels")
     memory = fit_memory.measure()
     claims = _claims(rows, whole_map, memory)
     result = {
         "machine": platform.processor() or platform.machine(),
-        "texels": len(T),
-        "lights": len(lights),
+        "texels": len(samples),
+        "lights": samples.under.count,
         "held_out": int(scene.held.sum()),
         "variants": rows,
         "few_lights": few,
@@ -172,21 +184,23 @@ def _claims(rows: list[dict[str, Any]], whole_map: dict[str, float], memory: dic
     ]
 
 
+GGX, GAUSSIAN, PAIR = (Lobes(*kind, bent=False) for kind in (("ggx", 1), ("gaussian", 1), ("gaussian", 2)))
 VARIANTS = (
-    ("GGX, start", "ggx", 1, False, 0),
-    ("GGX, 1 iteration", "ggx", 1, False, 1),
-    ("GGX, 2 iterations", "ggx", 1, False, 2),
-    ("GGX, converged", "ggx", 1, False, 25),
-    ("GGX, bent, 2 iterations", "ggx", 1, True, 2),
-    ("GGX, bent, converged", "ggx", 1, True, 25),
-    ("Gaussian, 2 iterations", "gaussian", 1, False, 2),
-    ("Gaussian, converged", "gaussian", 1, False, 25),
-    ("two Gaussians, 3 iterations", "gaussian", 2, False, 3),
-    ("two Gaussians, 4 iterations", "gaussian", 2, False, 4),
-    ("two Gaussians, converged", "gaussian", 2, False, 25),
-    ("two Gaussians, bent, 3 iterations", "gaussian", 2, True, 3),
-    ("two Gaussians, bent, converged", "gaussian", 2, True, 25),
+    ("GGX, start", GGX, 0),
+    ("GGX, 1 iteration", GGX, 1),
+    ("GGX, 2 iterations", GGX, 2),
+    ("GGX, converged", GGX, 25),
+    ("GGX, bent, 2 iterations", replace(GGX, bent=True), 2),
+    ("GGX, bent, converged", replace(GGX, bent=True), 25),
+    ("Gaussian, 2 iterations", GAUSSIAN, 2),
+    ("Gaussian, converged", GAUSSIAN, 25),
+    ("two Gaussians, 3 iterations", PAIR, 3),
+    ("two Gaussians, 4 iterations", PAIR, 4),
+    ("two Gaussians, converged", PAIR, 25),
+    ("two Gaussians, bent, 3 iterations", replace(PAIR, bent=True), 3),
+    ("two Gaussians, bent, converged", replace(PAIR, bent=True), 25),
 )
+"""Name, lobes and most iterations of a fit."""
 
 
 def _timed(call: Callable[[], Any], texels: int, repeats: int = REPEATS) -> tuple[Any, float]:
@@ -200,12 +214,9 @@ def _timed(call: Callable[[], Any], texels: int, repeats: int = REPEATS) -> tupl
     return result, round(1e6 * best / texels, 2)
 
 
-def _errors(fitted: slope.SlopeFit, scene: Truth, tail: str) -> dict[str, float]:
-    return _judge(predict(fitted, scene.lights[scene.held], tail), scene)
-
-
-def _judge(predicted: Single, scene: Truth, inside: slice | NDArray[np.bool_] = slice(None)) -> dict[str, float]:
+def _errors(fitted: Fitted, scene: Truth, inside: slice | NDArray[np.bool_] = slice(None)) -> dict[str, float]:
     """Relative error √(Σ w (m − g)² / Σ w g²) on the lights held out; of all texels, of gold, and a texel at a time."""
+    predicted = fitted.predict(Under.far(scene.lights[scene.held]))
     g = scene.clean[scene.held].transpose(1, 2, 0)[inside]
     w = scene.weight[scene.held]
     error, energy = (w * (predicted - g) ** 2).sum((1, 2)), (w * g**2).sum((1, 2))
@@ -225,16 +236,16 @@ def _print(row: dict[str, Any]) -> None:
     print("  ".join([f"{row['name']:36s}", *(f"{k} {v}" for k, v in row.items() if k != "name")]), flush=True)
 
 
-def _references(T: Single, scene: Truth, train: NDArray[np.intp]) -> list[dict[str, Any]]:
+def _references(T: Single, scene: Truth) -> list[dict[str, Any]]:
     """Reading the samples once; NumPy's transpose of them; and ours from float16 images, as they lie in the stack."""
     side = FABRIC.texels
-    single = np.ascontiguousarray(scene.seen[train])
-    images = single.reshape(len(train), side, side, 3).astype(np.float16)
+    single = np.ascontiguousarray(scene.seen[scene.train])
+    images = single.reshape(len(single), side, side, 3).astype(np.float16)
     flags, weight_of = np.zeros(images.shape, np.uint8), np.ones(256, np.float32)
     calls: dict[str, Callable[[], Any]] = {
         "reading once": lambda: T.sum(),
         "NumPy's transpose": lambda: np.ascontiguousarray(single.transpose(1, 2, 0)),
-        "reordering": lambda: samples.texels_first(images, flags, weight_of),
+        "reordering": lambda: texels_first(images, flags, weight_of),
     }
     rows = [{"name": name, "microseconds": _timed(call, side * side)[1]} for name, call in calls.items()]
     for row in rows:
@@ -242,28 +253,21 @@ def _references(T: Single, scene: Truth, train: NDArray[np.intp]) -> list[dict[s
     return rows
 
 
-def _four_steps(T: Single, lights: Array, scene: Truth) -> dict[str, Any]:
-    fitted, micro = _timed(lambda: takeda.four_steps(T, lights, np.radians(2.5), np.radians(2.6)), len(T), 2)
-    row = {"name": "four steps", "microseconds": micro, **_judge(_eq3(fitted.shapes, fitted.colours, scene), scene)}
+def _four_steps(samples: Samples, scene: Truth) -> dict[str, Any]:
+    fitted, micro = _timed(lambda: takeda.four_steps(samples, np.radians(2.5), np.radians(2.6)), len(samples), 2)
+    row = {"name": "four steps", "microseconds": micro, **_errors(fitted, scene)}
     _print(row)
     return row
 
 
-def _eq3(shapes: Array, colours: Array, scene: Truth) -> Single:
-    lights = scene.lights[scene.held]
-    half = models.half_angles((0.0, 0.0, 1.0), tuple(lights.T))
-    lobe = models.takeda_lobe(*half, *(shapes[:, k, None] for k in range(4)))
-    C = colours[..., None]
-    return np.asarray(C[:, 0] * lobe[:, None] + C[:, 1] * lights[:, 2], np.float32)
-
-
-def _curve_fit(T: Single, W: Single, lights: Array, scene: Truth) -> dict[str, Any]:
+def _curve_fit(samples: Samples, scene: Truth) -> dict[str, Any]:
     """`scipy.optimize.curve_fit` of the same formula from the same start, texel by texel: what one would write."""
     from scipy.optimize import curve_fit
 
-    inside = np.zeros(len(T), bool)
-    inside[np.linspace(0, len(T) - 1, PEER_TEXELS).astype(int)] = True
-    first = slope.fit(T[inside], W[inside], lights, bent=False, iterations=0)
+    inside = np.zeros(len(samples), bool)
+    inside[np.linspace(0, len(samples) - 1, PEER_TEXELS).astype(int)] = True
+    first = slope.fit(samples.of(inside), GGX, iterations=0)
+    lights = samples.under.directions
     (x, y), cosine = frames.slopes(lights).T, lights[:, 2]
 
     def formula(_: Any, *p: float) -> Array:
@@ -274,7 +278,7 @@ def _curve_fit(T: Single, W: Single, lights: Array, scene: Truth) -> dict[str, A
     shapes, colours = first.shapes.copy(), first.colours.copy()
     failed = 0
     start = time.process_time()
-    for k, texel in enumerate(T[inside]):
+    for k, texel in enumerate(samples.T[inside]):
         guess = np.concatenate([shapes[k, :5], colours[k].ravel()])
         try:
             with np.errstate(all="ignore"), warnings.catch_warnings():
@@ -285,69 +289,55 @@ def _curve_fit(T: Single, W: Single, lights: Array, scene: Truth) -> dict[str, A
             failed += 1
         shapes[k, :5], colours[k] = found[:5], found[5:].reshape(2, 3)
     micro = round(1e6 * (time.process_time() - start) / PEER_TEXELS, 1)
-    fitted = slope.SlopeFit(shapes, colours, first.cost)
-    predicted = predict(fitted, scene.lights[scene.held])
-    row = {"name": "curve_fit", "microseconds": micro, **_judge(predicted, scene, inside), "failed": failed}
+    fitted = replace(first, shapes=shapes, colours=colours)
+    row = {"name": "curve_fit", "microseconds": micro, **_errors(fitted, scene, inside), "failed": failed}
     _print(row)
     return row
 
 
-def _few(scene: Truth, train: NDArray[np.intp], count: int) -> dict[str, Any]:
+def _few(scene: Truth, count: int) -> dict[str, Any]:
     """The region prior with few lights, spread over slopes by farthest points."""
-    s = frames.slopes(scene.lights[train])
-    chosen = [0]
-    distance = np.linalg.norm(s - s[0], axis=1)
-    for _ in range(count - 1):
-        chosen.append(int(distance.argmax()))
-        distance = np.minimum(distance, np.linalg.norm(s - s[chosen[-1]], axis=1))
-    use = train[chosen]
-    T = np.ascontiguousarray(scene.seen[use].transpose(1, 2, 0))
-    W = np.ones((len(T), count), np.float32)
-    region = (~scene.gold).astype(np.intp)
-    some = np.arange(0, len(T), 4)
-    priors = learned.learn_priors(T[some], W[some], scene.lights[use], region[some], 2)
+    samples = scene.samples(scene.train[spread(scene.lights[scene.train], count)])
     row: dict[str, Any] = {"name": f"{count} lights"}
-    for name, given in (("alone", None), ("prior", priors)):
-        fitted = slope.fit(T, W, scene.lights[use], priors=given, region=region)
-        errors = _errors(fitted, scene, "ggx")
+    for name, given in (("alone", None), ("prior", _priors(samples, Lobes()))):
+        errors = _errors(slope.fit(samples, Lobes(), given), scene)
         row.update({f"{name}_{key}": errors[key] for key in ("error", "worst", "above_1")})
     _print(row)
     return row
 
 
-def _exposures(scene: Truth, train: NDArray[np.intp], kept: int) -> dict[str, Any]:
+def _exposures(scene: Truth, samples: Samples, kept: int) -> dict[str, Any]:
     """Two lobes as the pipeline fits them with the longest exposures; all five hold twice the brightest sample."""
     level = np.float32(2 * scene.clean.max() * SHOTS[5 - kept] / SHOTS[0])
-    seen = np.ascontiguousarray(scene.seen[train].transpose(1, 2, 0))
-    full = (seen >= level).any(1)
-    T, W, lights = np.minimum(seen, level), np.where(full, 0, 1).astype(np.float32), scene.lights[train]
-    bounds = np.asarray(full, np.float32)
-    region = (~scene.gold).astype(np.intp)
-    some = np.arange(0, len(T), 4)
+    full = (level <= samples.T).any(1)
+    W, bounds = np.asarray(~full, np.float32), np.asarray(full, np.float32)
+    seen = replace(samples, T=np.minimum(samples.T, level), W=W, bounds=bounds)
     row: dict[str, Any] = {"name": f"{kept} exposures", "saturated": round(float(full.mean()), 4)}
-    for name, tail, lobes in (("one", "ggx", 1), ("two", "gaussian", 2)):
-        kind = tail, lobes, learned.learn_priors(T[some], W[some], lights, region[some], 2, tail, lobes), region
-        for given in (kind[:2], kind):
-            fitted = slope.fit(T, W, lights, *given)
-            if given is kind:
-                fitted = bounded.refit(fitted, T, W, bounds, lights, *kind, 1, frames.slopes(lights))
-            errors = _errors(fitted, scene, tail)
-            label = name if given is kind else f"{name}_alone"
+    for name, lobes in (("one", Lobes("ggx", 1)), ("two", Lobes("gaussian", 2))):
+        priors = _priors(seen, lobes)
+        held = bounded.refit(slope.fit(seen, lobes, priors), seen, priors)
+        for label, fitted in ((f"{name}_alone", slope.fit(seen, lobes)), (name, held)):
+            errors = _errors(fitted, scene)
             row.update({f"{label}_{key}": errors[key] for key in ("error", "median", "above_1")})
     _print(row)
     return row
 
 
-def _scaling(T: Single, W: Single, lights: Array) -> dict[str, float]:
+def _priors(samples: Samples, lobes: Lobes) -> list[Prior]:
+    """Priors of gold and silk, from a quarter of the texels."""
+    return learned.learn_priors(samples.of(slice(None, None, 4)), 2, lobes)
+
+
+def _scaling(samples: Samples) -> dict[str, float]:
     """Wall-clock microseconds a texel by the number of threads."""
     result = {}
     for threads in (1, 2):
         best = np.inf
         for _ in range(REPEATS):
             start = time.perf_counter()
-            slope.fit(T, W, lights, threads=threads)
+            slope.fit(samples, Lobes(), threads=threads)
             best = min(best, time.perf_counter() - start)
-        result[str(threads)] = round(1e6 * best / len(T), 2)
+        result[str(threads)] = round(1e6 * best / len(samples), 2)
     return result
 
 
@@ -358,8 +348,8 @@ def _whole_map(scene: Truth) -> dict[str, float]:
     flags, weight_of = np.zeros(images.shape, np.uint8), np.ones(256, np.float32)
     start, cpu = time.perf_counter(), time.process_time()
     for _ in range(4):
-        T, W = samples.texels_first(images, flags, weight_of)
-        slope.fit(T, W, scene.lights, bent=False, threads=2)
+        T, W = texels_first(images, flags, weight_of)
+        slope.fit(Samples.far(T, W, scene.lights), GGX, threads=2)
     return {
         "wall_seconds": round(time.perf_counter() - start, 3),
         "cpu_seconds": round(time.process_time() - cpu, 3),

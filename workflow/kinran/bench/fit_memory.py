@@ -35,7 +35,7 @@ def measure(scratch: Path | None = None) -> dict[str, float]:
         one = np.zeros((HEIGHT, WIDTH), np.intp)
         full = np.ones((HEIGHT, WIDTH), np.float32)
         write_labels(folder / "labels.exr", one, full, one, full)
-        command = ["fit", "--stack", folder / "radiance.zarr", "--labels", folder / "labels.exr", "--tile", JOB]
+        command = ["fit", "--fabric", folder, "--tile", JOB]
         command += ["--model", "slope", "--lobes", "2", "--tail", "gaussian", folder / "fit.npz"]
         run = [sys.executable, "-c", RUN, *map(str, command)]
         done = subprocess.run(run, check=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)

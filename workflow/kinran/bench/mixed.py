@@ -11,14 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran.chart import errors, lobes
-from kinran.chart.trial import Samples, Trial, read, spread
+from kinran.chart.trial import Single, Trial, read, spread
 from kinran.coarsen import coarse_labels
-from kinran.config import FEW_LIGHTS
 from kinran.exr import read_exr
+from kinran.fabric import Fabric
 from kinran.files import InputError, write_json
-from kinran.fit.predict import predict
+from kinran.fit.few_lights import FEW_LIGHTS
+from kinran.fit.samples import Samples
+from kinran.fit.slope import Lobes
 from kinran.labels import MIXED
-from kinran.stack import Stack
+from kinran.near import Under
 from kinran.virtual.weave import VirtualFabric
 
 Array = NDArray[np.float64]
@@ -39,18 +41,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> None:
     """Measure, print a table, write JSON."""
-    stack, channels = Stack.open(args.results / "radiance.zarr"), read_exr(args.results / "labels.exr")
-    share = shares(VirtualFabric())
-    if share.shape[:2] != (stack.height, stack.width):
+    fabric = Fabric(args.results)
+    channels, share = read_exr(fabric.labels_path), shares(VirtualFabric())
+    if share.shape[:2] != fabric.labels.shape:
         raise InputError(f"{args.results}: is not of the virtual fabric of config.yaml; run `kinran demo` as it comes")
     found: list[dict[str, Any]] = []
     for factor in FACTORS:
         known = coarse_labels(channels, factor)
         second = np.where(known["membership"] < MIXED, known["second"], known["labels"])
-        whole = coarse(read(stack, channels["label"].astype(np.uint16), np.eye(3)), factor, known["labels"], second)
+        whole = coarse(read(fabric), factor, known["labels"], second)
         purity = average(share, factor).max(-1).reshape(-1)
         for count in (len(whole.lights), *COUNTS):
-            own, shared = measure(whole.under(spread(whole.lights, count)), purity)
+            own, shared = measure(whole.under(spread(whole.samples.under.directions, count)), purity)
             found.append({"factor": factor, "lights": count, "own": own, "shared": shared})
             said = ", ".join(f"{name} {value:.4f} -> {shared[name]:.4f}" for name, value in own.items())
             print(f"{factor} × {factor} texels, {count} lights: {said}", flush=True)
@@ -59,10 +61,10 @@ def main(args: argparse.Namespace) -> None:
 
 def measure(trial: Trial, purity: Array) -> list[dict[str, float]]:
     """Relative error by class of purity (texel,) under the region's prior alone, and with one that is shared."""
-    tail, count = ("ggx", 1) if len(trial.lights) < FEW_LIGHTS else ("gaussian", 2)
+    wanted = Lobes("ggx", 1) if len(trial.lights) < FEW_LIGHTS else Lobes("gaussian", 2)
     result = []
-    for given in (replace(trial, second=trial.region), trial):
-        e, g = errors.squares(predict(lobes.fit(given, tail, count), trial.held_out, tail), trial)
+    for samples in (trial.samples.unshared(), trial.samples):
+        e, g = errors.squares(trial.measured(lobes.fit(samples, wanted)), trial)
         row = {"all": errors.ratio_of(e, g)}
         for low, high in pairwise(PURITY):
             inside = (purity >= low) & (purity < high)
@@ -91,18 +93,25 @@ def _blocks(values: NDArray[Any], factor: int) -> NDArray[Any]:
 def coarse(trial: Trial, factor: int, labels: NDArray[np.intp], second: NDArray[np.intp]) -> Trial:
     """The trial as a wider lens would have taken it: what any texel of a block lacks, all of it does."""
 
-    def of(samples: NDArray[Any], of_block: Callable[..., Any] = np.mean) -> Samples:
-        values = of_block(_blocks(samples.reshape(*trial.shape, *samples.shape[1:]), factor), (1, 3))
-        return np.ascontiguousarray(values.reshape(-1, *samples.shape[1:]), np.float32)
+    def of(values: NDArray[Any], of_block: Callable[..., Any] = np.mean) -> Single:
+        blocks = of_block(_blocks(values.reshape(*trial.shape, *values.shape[1:]), factor), (1, 3))
+        return np.ascontiguousarray(blocks.reshape(-1, *values.shape[1:]), np.float32)
 
+    def seen(under: Under) -> Under:
+        """Directions of each block's first texel, and the mean of its falloff."""
+        first = _blocks(np.arange(trial.texels).reshape(trial.shape), factor)[:, 0, :, 0].ravel()
+        falloff = None if under.falloff is None else of(under.falloff)
+        return replace(under.of(first), falloff=falloff)
+
+    fine = trial.samples
+    under = seen(fine.under)
+    bounds = None if fine.bounds is None else of(fine.bounds, np.max)
+    T = under.square_on(of(fine.under.reaching(fine.T)))
     return replace(
         trial,
-        T=of(trial.T),
-        W=of(trial.W, np.min),
-        bounds=of(trial.bounds, np.max),
+        samples=Samples(T, of(fine.W, np.min), under, labels.reshape(-1), second.reshape(-1), bounds),
+        held=seen(trial.held),
         truth=of(trial.truth),
         valid=of(trial.valid, np.min) == 1,
-        region=labels.reshape(-1),
-        second=second.reshape(-1),
         shape=labels.shape,
     )

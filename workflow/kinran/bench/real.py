@@ -1,7 +1,6 @@
 """Accuracy on real sets: the pipeline's material on lights that it has not seen, beside interpolation and harmonics."""
 
 import argparse
-import contextlib
 import platform
 import tempfile
 import time
@@ -13,33 +12,36 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from kinran import __main__ as kinran
 from kinran import metrics
 from kinran.baselines import basis, components, interpolation
-from kinran.bench import real_nbrdf, real_sets
+from kinran.bench import real_nbrdf, real_sets, stages
+from kinran.chart import errors
+from kinran.chart.default import said
+from kinran.chart.method import bytes_per_texel
+from kinran.chart.methods.plates import SMOOTHING
 from kinran.chart.trial import Trial
 from kinran.chart.trial import read as read_trial
 from kinran.code import ROOT
-from kinran.config import FEW_LIGHTS
+from kinran.fabric import Fabric
 from kinran.files import InputError, read_json, write_json
-from kinran.fit import normals
-from kinran.labels import read_labels
-from kinran.stack import Stack
+from kinran.fit import normals, residual
+from kinran.fit.channels import Fitted
+from kinran.fit.few_lights import FEW_LIGHTS
+from kinran.fit.harmonics import harmonics
+from kinran.fit.samples import Samples
 from kinran_bsdf.material import read_material
-from kinran_bsdf.models import relight
 
-Array = NDArray[np.float64]
-Samples = NDArray[np.float32]
+Single = NDArray[np.float32]
 
-PLATE = interpolation.thin_plate(1e-3)
-PEERS: dict[str, tuple[int, Callable[[Samples, Array], Any], Callable[[Any, Array], Samples]]] = {
-    "PTM": (3, lambda T, lights: basis.fit(T, lights, basis.polynomial), basis.predict),
-    "HSH16": (3, lambda T, lights: basis.fit(T, lights, basis.harmonics(16), 1e-6), basis.predict),
-    "PCA9": (1, lambda T, lights: components.fit(T, lights, 9, PLATE), components.predict),
-    "Delaunay": (3, lambda T, lights: interpolation.fit(T, lights, interpolation.linear), interpolation.predict),
-    "thin plate": (3, lambda T, lights: interpolation.fit(T, lights, PLATE), interpolation.predict),
+PLATE = interpolation.thin_plate(SMOOTHING)
+PEERS: dict[str, tuple[int, Callable[[Samples], Fitted]]] = {
+    "PTM": (3, lambda samples: basis.fit(samples, basis.polynomial)),
+    "HSH16": (3, lambda samples: basis.fit(samples, harmonics(16), basis.RIDGE)),
+    "PCA9": (1, lambda samples: components.fit(samples, 9, PLATE)),
+    "Delaunay": (3, lambda samples: interpolation.fit(samples, interpolation.linear)),
+    "thin plate": (3, lambda samples: interpolation.fit(samples, PLATE)),
 }
-"""Channels that share their numbers, and the fit and the prediction. PCA has components of each channel of a texel."""
+"""Channels that share their numbers, and the fit. PCA has components of each channel of a texel."""
 COMPARED = ("PTM", "HSH16", "PCA9")
 """Peers of some ten numbers a texel, like the material; the others keep all samples."""
 
@@ -70,16 +72,18 @@ def main(args: argparse.Namespace) -> None:
 
 def measure(real: real_sets.RealSet) -> dict[str, Any]:
     """Errors and costs of the material and of the peers on one set."""
-    with tempfile.TemporaryDirectory() as folder:
-        work = Path(folder)
-        real.write(work / "radiance.zarr")
-        run(work, int((~real.held).sum()))
-        trial = read_trial(Stack.open(work / "radiance.zarr"), read_labels(work / "labels.exr"), np.eye(3))
-        row: dict[str, Any] = {"lights": len(trial.lights), "held_out": len(trial.held_out), "methods": {}}
-        for method, label in (("slope", "lobes"), ("residual", "Kinran")):
-            material, fit = read_material(work / f"{method}.exr"), read_json(work / f"{method}.json")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        real.write(folder / "radiance.zarr")
+        with stages.quiet():
+            run(folder, int((~real.held).sum()))
+        fabric = Fabric(folder)
+        trial = read_trial(fabric)
+        row: dict[str, Any] = {"lights": len(trial.lights), "held_out": trial.held.count, "methods": {}}
+        for label, maps, cost in (("lobes", "material", "slope"), ("Kinran", "residual", "residual")):
+            fit = read_json(folder / f"{cost}.json")
             row["methods"][label] = {
-                **_errors(_middle(relight(material, trial.held_out), trial), trial),
+                **_errors(said(read_material(folder / f"{maps}.exr"), fabric.stack), trial),
                 "bytes": fit["bytes_per_texel"],
                 "microseconds": fit["microseconds_per_texel"],
             }
@@ -97,72 +101,52 @@ def _normals(real: real_sets.RealSet) -> dict[str, float]:
     assert real.normals is not None
     truth = real.normals.reshape(-1, 3)
     there = np.linalg.norm(truth, axis=1) > 0.5
-    T: Samples = np.array(np.moveaxis(real.light.reshape(len(real.light), -1, 3)[:, there], 0, -1), np.float32)
+    T: Single = np.array(np.moveaxis(real.light.reshape(len(real.light), -1, 3)[:, there], 0, -1), np.float32)
     sound = np.logical_not(real.saturated.reshape(len(real.light), -1, 3)[:, there].any(-1)).T
     plain = np.linalg.lstsq(real.directions, T.mean(1).T, rcond=None)[0].T
     plain /= np.linalg.norm(plain, axis=1, keepdims=True)
-    found = {"Kinran": normals.fit(T, np.asarray(sound, np.float32), real.directions), "least squares": plain}
+    samples = Samples.far(T, np.asarray(sound, np.float32), real.directions)
+    found = {"Kinran": normals.fit(samples), "least squares": plain}
     angles = {name: np.degrees(np.arccos(np.clip((n * truth[there]).sum(1), -1, 1))) for name, n in found.items()}
     return {name: round(float(angle.mean()), 3) for name, angle in angles.items()}
 
 
-def run(work: Path, lights: int) -> None:
-    """The pipeline's stages on `radiance.zarr`, as its rules run them."""
+def run(folder: Path, lights: int) -> None:
+    """The pipeline's stages on ``radiance.zarr``, as its rules run them for so many lights."""
     fit = yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8"))["fit"]
-    count, tail = (1, "ggx") if lights < FEW_LIGHTS else (fit["lobes"], fit["tail"])
-    of_stack = ["--stack", work / "radiance.zarr"]
-    seen = [*of_stack, "--labels", work / "labels.exr"]
-    regions, lobes = ["--regions", work / "regions.json"], ["--lobes", count, "--tail", tail]
-    prior, slope = ["--prior", work / "prior.json"], work / "slope.exr"
-    model: list[object] = ["--model", "slope"]
-    _call(work, "segment", work / "labels.exr", *of_stack, *regions, "--statistics", work / "statistics.exr")
-    _call(work, "prior", work / "prior.json", *seen, *regions, *lobes)
-    _call(work, "fit", work / "slope.npz", *seen, *model, *prior, *lobes)
-    runs = ["--runs", work / "slope.npz"]
-    _call(work, "material", slope, *seen, *regions, *model, *lobes, *runs, "--summary", work / "slope.json")
-    made = ["--material", slope, "--fitted", work / "slope.json"]
-    _call(work, "residual", work / "residual.exr", *seen, *prior, *made, "--summary", work / "residual.json")
-
-
-def _call(work: Path, *arguments: object) -> None:
-    log = work / "log.txt"
-    with log.open("a", encoding="utf-8") as file, contextlib.redirect_stderr(file):
-        status = kinran.main([str(argument) for argument in arguments])
-    if status:
-        raise InputError(f"kinran {arguments[0]}: did not finish: {log.read_text(encoding='utf-8')[-400:]}")
-
-
-def _middle(images: Samples, trial: Trial) -> Samples:
-    """Texels of the trial (texel, 3, light) of images (light, y, x, 3)."""
-    n, height, width, _ = images.shape
-    y, x = (height - trial.shape[0]) // 2, (width - trial.shape[1]) // 2
-    cut = images[:, y : y + trial.shape[0], x : x + trial.shape[1]]
-    return np.moveaxis(cut.reshape(n, -1, 3), 0, -1)
+    stages.segmented(folder)
+    if lights < FEW_LIGHTS:
+        stages.fitted(folder, 1, "ggx")
+    else:
+        stages.fitted(folder, fit["lobes"], fit["tail"])
+    given = residual.Inputs(folder, folder / "prior.json", folder / "material.exr", folder / "slope.json")
+    residual.main(given, residual.Outputs(folder / "residual.exr", folder / "residual.json"))
 
 
 def _peer(name: str, trial: Trial) -> dict[str, float]:
     """Errors and costs of a peer in the values of the photographs."""
-    channels, fit, predict = PEERS[name]
-    T = trial.encoded()
+    channels, fit = PEERS[name]
+    seen = trial.encoded()
+    T = seen.T.reshape(-1, channels, seen.under.count)
+    samples = Samples.far(T, np.repeat(seen.W, 3 // channels, axis=0), seen.under.directions)
     start = time.process_time()
-    fitted = fit(T.reshape(-1, channels, T.shape[2]), trial.lights)
+    fitted = fit(samples)
     micro = 1e6 * (time.process_time() - start) / trial.texels
-    predicted = trial.decoded(predict(fitted, trial.held_out).reshape(trial.truth.shape))
+    predicted = trial.decoded(fitted.predict(trial.held).reshape(trial.truth.shape))
     return {
         **_errors(predicted, trial),
-        "bytes": round(6 / channels * fitted.numbers + 2 * fitted.shared / trial.texels, 1),
+        "bytes": round(3 / channels * bytes_per_texel(fitted, len(samples)), 1),
         "microseconds": round(micro, 2),
     }
 
 
-def _errors(predicted: Samples, trial: Trial) -> dict[str, float]:
+def _errors(predicted: Single, trial: Trial) -> dict[str, float]:
     """As `kinran evaluate` says them."""
+    by_light = errors.psnr(predicted, trial)
     p, g, v = (np.moveaxis(a, -1, 0) for a in (predicted, trial.truth, trial.valid.astype(np.float32)))
-    shown = [metrics.to_display(a, trial.coder, trial.peak) for a in (p, g)]
-    by_light = [metrics.psnr(*pair) for pair in zip(*shown, v, strict=True)]
     return {
-        "psnr": round(float(np.mean(by_light)), 3),
-        "psnr_min": round(float(np.min(by_light)), 3),
+        "psnr": round(float(by_light.mean()), 3),
+        "psnr_min": round(float(by_light.min()), 3),
         "relative_error": round(metrics.relative_error(p, g, v, trial.share), 5),
     }
 

@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 
 from kinran import frames
 from kinran.baselines import basis, interpolation
+from kinran.chart.residual import left_by
 from kinran.files import InputError
 from kinran.fit import learned, residual, slope, takeda
-from kinran.fit.plates import plates
-from kinran.fit.predict import predict
-from kinran_bsdf import models
-from kinran_bsdf.residual import Residual, compress, expand
+from kinran.fit.channels import Fitted
+from kinran.fit.harmonics import harmonics
+from kinran.fit.priors import Prior
+from kinran.fit.samples import Samples
+from kinran.fit.slope import Lobes, SlopeFit
+from kinran.near import Under
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -28,6 +31,7 @@ MATERIALS = {
     ),
     "rgl-isotropic_nbrdf.zip": ("satin_gold_rgb", "vch_silk_blue_rgb", "vch_golden_yellow_rgb"),
 }
+PAIR = Lobes("gaussian", 2)
 TEXELS, FACETS = 48, 24
 TILT = np.radians(18.0)
 SPREAD = (0.12, 0.03)
@@ -126,54 +130,33 @@ def _material(net: Net, rng: np.random.Generator) -> dict[str, float]:
     clean /= clean.max()
     noise = rng.standard_normal((2, *clean.shape))
     seen = (clean * (1 + NOISE * noise[0]) + 5e-5 * noise[1]).astype(np.float32)
-    T, W = np.ascontiguousarray(seen[..., ~held]), np.ones((TEXELS, int((~held).sum())), np.float32)
-    known, asked = lights[~held], lights[held]
-    steps = takeda.four_steps(T, known, np.radians(2.5), np.radians(2.6))
-    half = models.half_angles((0.0, 0.0, 1.0), tuple(asked.T))
-    lobe = models.takeda_lobe(*half, *(steps.shapes[:, k, None] for k in range(4)))
-    C = steps.colours[..., None]
-    region = np.zeros(TEXELS, np.intp)
-
-    def lobes(tail: str, count: int, at: Array) -> Single:
-        priors = learned.learn_priors(T, W, known, region, 1, tail, count)
-        return predict(slope.fit(T, W, known, tail, count, priors, region), at, tail)
-
-    harmonics = basis.fit(T, known, basis.harmonics(16), 1e-6)
-    predictions = {
-        "four steps": C[:, 0] * lobe[:, None] + C[:, 1] * asked[:, 2],
-        "one GGX": lobes("ggx", 1, asked),
-        "two Gaussians": lobes("gaussian", 2, asked),
-        "with residual": _with_residual(T, W, known, lobes("gaussian", 2, lights), ~held),
-        "HSH16": basis.predict(harmonics, asked),
-        "interpolation": interpolation.predict(interpolation.fit(T, known, interpolation.linear), asked),
+    T = np.ascontiguousarray(seen[..., ~held])
+    samples = Samples.far(T, np.ones((TEXELS, T.shape[2]), np.float32), lights[~held])
+    fits: dict[str, Fitted] = {
+        "four steps": takeda.four_steps(samples, np.radians(2.5), np.radians(2.6)),
+        "one GGX": _lobes(samples, Lobes("ggx", 1))[0],
+        "two Gaussians": _lobes(samples, PAIR)[0],
+        "with residual": _with_residual(samples),
+        "HSH16": basis.fit(samples, harmonics(16), basis.RIDGE),
+        "interpolation": interpolation.fit(samples, interpolation.linear),
     }
-    w, truth = weight[held], clean[..., held]
+    w, truth, asked = weight[held], clean[..., held], Under.far(lights[held], TEXELS)
     energy = (w * truth**2).sum((1, 2))
-    errors = {name: np.sqrt((w * (p - truth) ** 2).sum((1, 2)) / energy) for name, p in predictions.items()}
+    errors = {name: np.sqrt((w * (f.predict(asked) - truth) ** 2).sum((1, 2)) / energy) for name, f in fits.items()}
     return {name: round(float(np.median(e)), 4) for name, e in errors.items()}
 
 
-def _with_residual(T: Single, W: Single, lights: Array, lobes: Single, known: NDArray[np.bool_]) -> Single:
-    """T (texel, 3, light) of two Gaussians and what is left of them, as `kinran residual` chooses it.
+def _lobes(samples: Samples, lobes: Lobes) -> tuple[SlopeFit, list[Prior]]:
+    """Lobes under the priors of one region, and these."""
+    priors = learned.learn_priors(samples, 1, lobes)
+    return slope.fit(samples, lobes, priors), priors
 
-    Parameters
-    ----------
-    T, W, lights
-        Of the known lights.
-    lobes : (texel, 3, light) float32
-        Of all lights.
-    known : (light,) bool
-    """
-    domain, region = f"log:{np.percentile(T, 99.9):.6g}", np.zeros(len(T), np.intp)
-    priors = learned.learn_priors(T, W, lights, region, 1, "gaussian", 2)
-    choice = residual.cross_validate(T, W, lights, priors, region, domain, ("gaussian", 2))
+
+def _with_residual(samples: Samples) -> Fitted:
+    """Two Gaussians and what is left of them, as `kinran residual` chooses it."""
+    fitted, priors = _lobes(samples, PAIR)
+    domain = f"log:{np.percentile(samples.T, 99.9):.6g}"
+    choice = residual.cross_validate(samples, PAIR, priors, domain)
     if not choice.components:
-        return lobes[..., ~known]
-    shown, fitted = (compress(a, domain).reshape(-1, a.shape[2]).T for a in (T, lobes))
-    left = shown - choice.share * fitted[known]
-    mean = left.mean(0)
-    factors = residual.principal(left - mean, choice.components)
-    kept = Residual(domain, choice.share, *plates(lights, factors, choice.smoothing))
-    others = grid()[0][~known]
-    picture = choice.share * fitted[~known] + kept.basis(others) @ np.vstack([mean, factors.T @ (left - mean)])
-    return np.asarray(expand(picture, domain).T.reshape(len(T), 3, -1), np.float32)
+        return fitted
+    return left_by(fitted, samples, domain, choice.components, choice.share, choice.smoothing)

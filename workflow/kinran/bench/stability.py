@@ -1,7 +1,7 @@
 """Where fits fail, and what holds there: error on lights held out, as each case is made worse."""
 
 import argparse
-import sys
+import logging
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -22,16 +22,18 @@ from kinran.bench.texels import (
     lobes,
     microfacets,
     noisy,
-    sampled,
+    ones,
     spread,
     texels,
 )
 from kinran.files import write_json
 from kinran.fit import bounded, learned, reweighted, slope, strength, takeda, trust
+from kinran.fit.channels import Fitted
 from kinran.fit.samples import Samples
 from kinran.fit.slope import Lobes
-from kinran.near import Under
 from kinran_bsdf import models
+
+log = logging.getLogger(__name__)
 
 Row = dict[str, Any]
 
@@ -43,8 +45,6 @@ FACE, LEFT_OUT_HELD = "at face value", "left out, prior of the region"
 BOUNDED = "bounds, prior of the region"
 NEEDLES, RESOLVED = f"{PAIR}, widths from 0.02", f"{PAIR}, widths that the lights resolve"
 DRIFT, MONITORS = "GGX lobe, drift left in", "GGX lobe, monitors"
-HALF = slice(None, None, 2)
-"""Texels that priors are learned from."""
 SHOTS = (4000, 1000, 250, 100, 25)
 """Shutter speeds of the paper's bracket, the shortest exposure first."""
 
@@ -85,10 +85,10 @@ def saturation(split: Split) -> Iterator[Row]:
         W = np.where(clipped, 0, 1).astype(np.float32)
         seen = np.minimum(seen, np.float32(level))
         full = clipped[:, ~split.held]
-        rows = [(FACE, lobes(), None), ("left out", lobes(), W), (LEFT_OUT_HELD, _held_by_region(), W)]
+        rows = [(FACE, lobes(), None), ("left out", lobes(), W), (LEFT_OUT_HELD, _held_by_region(Lobes()), W)]
         rows += [
-            (f"{BOUNDED}, {PAIR}", _held_by_region("gaussian", 2, full), W),
-            (BOUNDED, _held_by_region(full=full), W),
+            (f"{BOUNDED}, {PAIR}", _held_by_region(Lobes("gaussian", 2), full), W),
+            (BOUNDED, _held_by_region(Lobes(), full), W),
         ]
         for name, method, weights in rows:
             yield _row("saturation", f"{kept} exposures", name, split.error(method, clean, seen, weights))
@@ -131,7 +131,7 @@ def few_directions(split: Split) -> Iterator[Row]:
     alone = {JOINT: joint(), PAIR: lobes("gaussian", 2), GGX: lobes()}
     for count in (int((~split.held).sum()), 100, 50, 30, 16):
         few, order = _thinned(split, count)
-        for name, method in {**alone, HELD: _held_by_region()}.items():
+        for name, method in {**alone, HELD: _held_by_region(Lobes())}.items():
             error = few.error(method, clean[..., order], noisy(clean)[..., order])
             yield _row("few directions, 95th percentile", f"{count} lights", name, error, 95)
 
@@ -145,7 +145,7 @@ def two_fabrics(split: Split) -> Iterator[Row]:
         shapes[:, 2] = shapes[:, 4] = -np.log(np.where(sharp, 0.09, 0.4))
         shapes[:, 3] = 0
         clean = microfacets(shapes, colours, split.lights)
-        for name, method in {GGX: lobes(), HELD: _held_by_region(), WEIGHED: _held_as_far}.items():
+        for name, method in {GGX: lobes(), HELD: _held_by_region(Lobes()), WEIGHED: _held_as_far}.items():
             error = few.error(method, clean[..., order], noisy(clean)[..., order])
             yield _row("two fabrics in a region, 95th percentile", f"{share} of it sharp", name, error, 95)
 
@@ -160,7 +160,7 @@ def diffuse_colour(split: Split) -> Iterator[Row]:
         colours[:, 1] = level
         clean = microfacets(shapes, colours, split.lights)
         T = noisy(clean if shade is None else clean * shade, floor=0.0003)
-        samples = sampled(T, split.lights)
+        samples = Samples.far(T, ones(T), split.lights)
         steps = takeda.four_steps(samples, np.radians(2.5), np.radians(7.6)).colours[:, 1]
         found = {FOUR: steps, GGX: slope.fit(samples, Lobes()).colours[:, 1]}
         for name, C_d in found.items():
@@ -286,7 +286,7 @@ def main(args: argparse.Namespace) -> None:
     split = Split.of_grid()
     rows, summary = [], []
     for k, (case, fails, holds) in enumerate(CASES):
-        print(f"stability: case {k + 1} of {len(CASES)}, {case.__name__}", file=sys.stderr, flush=True)
+        log.info("stability: case %d of %d, %s", k + 1, len(CASES), case.__name__)
         found = list(case(split))
         rows += found
         summary.append(worst(found, fails, holds))
@@ -345,29 +345,28 @@ def _thinned(split: Split, count: int) -> tuple[Split, NDArray[np.intp]]:
     return Split(split.lights[order], np.arange(len(order)) >= count), order
 
 
-def _held_by_region(tail: str = "ggx", count: int = 1, full: NDArray[np.bool_] | None = None) -> Method:
+def _held_by_region(lobes: Lobes, full: NDArray[np.bool_] | None = None) -> Method:
     """As the pipeline fits: under priors learned from half of the texels, and with saturated samples as bounds."""
-    lobes_ = Lobes(tail, count)
 
-    def method(samples: Samples, at: Under) -> Single:
-        if full is not None:
-            samples = replace(samples, bounds=full.astype(np.float32))
-        priors = learned.learn_priors(samples.of(HALF), 1, lobes_)
-        return bounded.refit(slope.fit(samples, lobes_, priors), samples, priors).predict(at)
+    def method(samples: Samples) -> Fitted:
+        priors = learned.learn_priors(samples.of(slice(None, None, 2)), 1, lobes)
+        fitted = slope.fit(samples, lobes, priors)
+        if full is None:
+            return fitted
+        return bounded.refit(fitted, replace(samples, bounds=full.astype(np.float32)), priors)
 
     return method
 
 
-def _held_as_far(samples: Samples, at: Under) -> Single:
+def _held_as_far(samples: Samples) -> Fitted:
     """By as much of the region's prior as lights left out bear, as the stage `prior` does."""
-    half, lobes_ = samples.of(HALF), Lobes()
-    priors = strength.weigh(learned.learn_priors(half, 1, lobes_), half, lobes_)
-    return slope.fit(samples, lobes_, priors).predict(at)
+    half = samples.of(slice(None, None, 2))
+    priors = strength.weigh(learned.learn_priors(half, 1, Lobes()), half, Lobes())
+    return slope.fit(samples, Lobes(), priors)
 
 
-def _trusted(samples: Samples, at: Under) -> Single:
+def _trusted(samples: Samples) -> Fitted:
     """By the samples that the stages `prior` and `fit` trust, with the loss that they take."""
     factors, outliers = trust.learn(samples, Lobes(), 1)
     samples = samples.weighed(factors)
-    fitted = reweighted.robust(samples, Lobes())[0] if outliers else slope.fit(samples, Lobes())
-    return fitted.predict(at)
+    return reweighted.robust(samples, Lobes())[0] if outliers else slope.fit(samples, Lobes())

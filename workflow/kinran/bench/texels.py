@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from kinran import frames
 from kinran.baselines import takeda_joint
 from kinran.fit import slope, takeda
+from kinran.fit.channels import Fitted
 from kinran.fit.samples import Samples
 from kinran.fit.slope import Lobes
 from kinran.fit.solver.lobes import squared_widths
@@ -17,8 +18,7 @@ from kinran_bsdf import models
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
-Method = Callable[[Samples, Under], Single]
-"""Samples, and other lights: the prediction (texel, 3, light) for these."""
+Method = Callable[[Samples], Fitted]
 
 
 def grid(step_theta: float = 5.0, azimuths: int = 24) -> Array:
@@ -95,9 +95,9 @@ def noisy(clean: NDArray[np.floating], seed: int = 1, share: float = 0.01, floor
     return (clean + noise).astype(np.float32)
 
 
-def sampled(T: Single, lights: Array, W: Single | None = None, region: NDArray[np.intp] | None = None) -> Samples:
-    """Samples (texel, 3, light) under lights (light, 3) that are far away; without weights all count alike."""
-    return Samples.far(T, np.ones((len(T), len(lights)), np.float32) if W is None else W, lights, region)
+def ones(T: Single) -> Single:
+    """Weights (texel, light) of samples that all count alike."""
+    return np.ones((len(T), T.shape[2]), np.float32)
 
 
 def relative(predicted: Single, truth: Single) -> Array:
@@ -131,49 +131,28 @@ class Split:
         ring, azimuth = np.divmod(np.arange(len(lights) - 1), azimuths)
         return cls(lights, np.r_[False, (ring + 1 + azimuth) % 4 == 0])
 
-    def error(self, method: Method, clean: Single, given: Single, W: Single | None = None) -> Array:
+    def error(self, method: Method, clean: Single, seen: Single, W: Single | None = None) -> Array:
         """Relative error of each texel on the lights held out; infinite where the prediction is no number."""
-        train = sampled(given, self.lights, W).only(~self.held)
+        train = ~self.held
+        T = np.ascontiguousarray(seen[..., train])
+        weights = ones(T) if W is None else np.ascontiguousarray(W[:, train])
         with np.errstate(all="ignore"):
-            predicted = method(train, Under.far(self.lights[self.held], len(clean)))
-            error = relative(predicted, clean[..., self.held])
+            fitted = method(Samples.far(T, weights, self.lights[train]))
+            error = relative(fitted.predict(Under.far(self.lights[self.held], len(T))), clean[..., self.held])
         return np.where(np.isfinite(error), error, np.inf)
 
 
 def lobes(tail: str = "ggx", count: int = 1, narrow: float | None = None) -> Method:
-    """Lobes in slope space, no narrower than this."""
-
-    def method(samples: Samples, at: Under) -> Single:
-        return slope.fit(samples, Lobes(tail, count), narrow=narrow).predict(at)
-
-    return method
+    """The method of `kinran.fit.slope`."""
+    return lambda samples: slope.fit(samples, Lobes(tail, count), narrow=narrow)
 
 
-def four_steps(samples: Samples, at: Under) -> Single:
-    """The method of the paper."""
-    return _steps(samples).predict(at)
+def four_steps(samples: Samples) -> takeda.TakedaFit:
+    """The method of the paper, with half a step of the grid as the tolerance of θ and φ."""
+    phi = np.unique(np.round(frames.angles(samples.under.directions)[1], 6))
+    return takeda.four_steps(samples, np.radians(2.5), float(0.51 * np.median(np.diff(phi))))
 
 
 def joint(wrap: bool = True) -> Method:
     """Eq. 3 by non-linear least squares, its azimuth wrapped or as printed."""
-
-    def method(samples: Samples, at: Under) -> Single:
-        found = takeda_joint.fit(samples, _steps(samples), wrap)
-        return found.predict(at) if wrap else as_printed(found, at)
-
-    return method
-
-
-def as_printed(fitted: takeda.TakedaFit, under: Under) -> Single:
-    """T (texel, 3, light) of Eq. 3 under lights far away, its azimuth not wrapped."""
-    theta, phi = frames.angles(frames.half_vector(under.directions))
-    theta_n, phi_n, dt, dp = (fitted.shapes[:, k, None] for k in range(4))
-    G = np.exp(-(((theta - theta_n) / dt) ** 2) - ((phi - phi_n) / dp) ** 2)
-    T = fitted.colours[:, 0, :, None] * G[:, None] + fitted.colours[:, 1, :, None] * under.directions[:, 2]
-    return np.asarray(T, np.float32)
-
-
-def _steps(samples: Samples) -> takeda.TakedaFit:
-    """The four steps, with half a step of the grid as the tolerance of θ and φ."""
-    phi = np.unique(np.round(frames.angles(samples.under.directions)[1], 6))
-    return takeda.four_steps(samples, np.radians(2.5), float(0.51 * np.median(np.diff(phi))))
+    return lambda samples: takeda_joint.fit(samples, four_steps(samples), wrap)

@@ -1,52 +1,70 @@
 """The material that the pipeline wrote, as a method of the chart."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from kinran import prediction
 from kinran.chart import experiments, residual
-from kinran.chart.method import Fitted, Method
-from kinran.chart.methods import linear, takeda
+from kinran.chart.method import Method
+from kinran.chart.methods import takeda
 from kinran.chart.rows import Row
-from kinran.chart.trial import Trial
+from kinran.chart.trial import Single, Trial, by_texel, middle
+from kinran.fabric import Fabric
 from kinran.files import InputError, read_json
+from kinran.fit import lambert
+from kinran.fit.channels import Fitted
+from kinran.fit.slope import Lobes
 from kinran.stack import Stack
 from kinran_bsdf.material import Material, read_material
-from kinran_bsdf.models import relight
 
 FAMILY = "default"
 COSTS = {"microseconds": "microseconds_per_texel", "bytes": "bytes_per_texel", "peak_mb": "peak_mb"}
 """Measures of the chart, and where a summary of the pipeline has them."""
 
 
-def run(trial: Trial, fabric: str, names: list[str], stack: Stack, material: Path, summary: Path) -> list[Row]:
+def run(tried: Trial, name: str, fabric: Fabric, material: Path, summary: Path) -> list[Row]:
     """Rows of the default.
 
     Its errors under all lights are those of the file, its time and bytes those of the pipeline's run. Memory, and
     the errors with less, are measured on its model fitted again to the trial.
+
+    Parameters
+    ----------
+    tried
+        Trial of the fabric, whose rows bear this name.
+    material, summary
+        What the pipeline wrote (.exr, .json).
     """
     maps = read_material(material)
-    if maps.size != (stack.height, stack.width):
-        raise InputError(f"{material}: its size is not that of {stack.path}; fit it again")
+    if maps.size != (fabric.stack.height, fabric.stack.width):
+        raise InputError(f"{material}: its size is not that of {fabric.stack_path}; fit it again")
     known: dict[str, Any] = read_json(summary)
-    method = Method(f"default ({known.get('model', maps.model)})", FAMILY, lambda t: _again(t, maps), 4, True)
-    _, cost = experiments.measure(method, trial)
-    for name, key in COSTS.items():
-        if key in known:
-            cost[name] = float(known[key])
-    height, width = trial.shape
-    y, x = (stack.height - height) // 2, (stack.width - width) // 2
-    images = relight(maps.part(slice(y, y + height), slice(x, x + width)), trial.held_out)
-    predicted = np.ascontiguousarray(images.reshape(len(images), -1, 3).transpose(1, 2, 0))
-    rows = [experiments.floor(trial, fabric)]
-    rows += experiments.judged(fabric, method, predicted, trial, names, cost)
-    return [*rows, *experiments.with_less(trial, fabric, method)]
+    title = f"default ({known.get('model', maps.model)})"
+    method = Method(title, FAMILY, lambda t: AGAIN[maps.model](t, maps), swept=True)
+    _, cost = experiments.measure(method, tried)
+    cost |= {measure: float(known[key]) for measure, key in COSTS.items() if key in known}
+    rows = [experiments.floor(tried, name)]
+    rows += experiments.judged(name, method, said(maps, fabric.stack), tried, cost)
+    return [*rows, *experiments.with_less(tried, name, method)]
 
 
-def _again(trial: Trial, maps: Material) -> Fitted:
-    """The material's model, fitted to a trial."""
-    if maps.model == "slope":
-        kept = maps.residual
-        return residual.fit(trial, maps.tail, maps.lobes, *((kept.count, kept.share) if kept else (0,)))
-    return (linear.METHODS[0] if maps.model == "lambert" else takeda.METHODS[0]).fit(trial)
+def said(material: Material, stack: Stack) -> Single:
+    """What a material says that a stack holds of a trial's texels under the held-out lights: (texel, 3, light)."""
+    return by_texel(prediction.predict(material, stack, middle(stack), np.flatnonzero(stack.held_out)))
+
+
+def _slope(tried: Trial, maps: Material) -> Fitted:
+    """The material's lobes, and its residual where it has one."""
+    count, share = (maps.residual.count, maps.residual.share) if maps.residual else (0, 1.0)
+    return residual.fit(tried, Lobes(maps.tail, maps.lobes), count, share)
+
+
+AGAIN: dict[str, Callable[[Trial, Material], Fitted]] = {
+    "slope": _slope,
+    "takeda2008": lambda tried, _: takeda.four_steps(tried),
+    "lambert": lambda tried, _: lambert.fit(tried.samples),
+}
+"""A material's model, fitted to a trial."""

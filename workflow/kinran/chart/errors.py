@@ -6,27 +6,32 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from kinran.chart.trial import Samples, Trial
+from kinran import metrics
+from kinran.chart.trial import Trial
 from kinran.metrics import LOG_COMPRESSION
 
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
 
 SSIM_SIGMA, SSIM_K1, SSIM_K2 = 1.5, 0.01, 0.03
+"""Window, in texels, and constants of [Wang2004]."""
 SSIM_LIGHTS = 24
+"""Held-out lights, at most, whose images are compared: it takes longer than all other measures. A choice."""
 BANDS = (0, 30, 50, 65, 90)
+"""Bounds of the bands of θ, degrees. A choice."""
 EXACT = 1e-10
-"""Of the samples' mean square: less is no residual."""
+"""Share of the samples' mean square below which a residual is rounding: float32 is rounded to 6e-8 of a value."""
 
 
-def squares(predicted: Samples, trial: Trial) -> tuple[Array, Array]:
-    """Weighted squared errors and energies (texel, light), summed over channels."""
+def squares(predicted: Single, trial: Trial) -> tuple[Array, Array]:
+    """Weighted squared errors and energies (texel, light) of a prediction (texel, 3, light), summed over channels."""
     w = trial.share * trial.valid
     difference = predicted.astype(float) - trial.truth
     return (w * difference**2).sum(1), (w * trial.truth.astype(float) ** 2).sum(1)
 
 
-def summary(predicted: Samples, trial: Trial) -> dict[str, float]:
-    """All measures of a prediction (texel, 3, light).
+def summary(predicted: Single, trial: Trial) -> dict[str, float]:
+    """All measures of a prediction (texel, 3, light) of what is measured under the held-out lights.
 
     `relative_error` √(Σ w e² / Σ w g²) in the stack's RGB; `log_error` the mean |ln((m + ε) / (g + ε))| with
     ε = p99.9 / 500, about a relative error that weighs dark samples like bright ones; `texel_p95` and
@@ -48,7 +53,7 @@ def summary(predicted: Samples, trial: Trial) -> dict[str, float]:
     }
 
 
-def criteria(fitted: Samples, trial: Trial, numbers: float) -> dict[str, float]:
+def criteria(fitted: Single, trial: Trial, numbers: float) -> dict[str, float]:
     """Akaike's and Schwarz's criteria, n ln(RSS / n) + 2 k and + k ln n, mean over texels; less is better.
 
     Both take what a model leaves for noise, which it is not; nothing for what goes through its samples.
@@ -56,13 +61,14 @@ def criteria(fitted: Samples, trial: Trial, numbers: float) -> dict[str, float]:
     Parameters
     ----------
     fitted : (texel, 3, light) float32
-        What a model says of the training samples.
+        T of the training samples, as a model has it.
     numbers
         k, of a texel.
     """
-    used = trial.W[:, None] > 0
-    left = np.where(used, fitted - trial.T, 0).astype(float)
-    energy = float(np.mean(trial.T.astype(float) ** 2))
+    samples = trial.samples
+    used = samples.W[:, None] > 0
+    left = np.where(used, fitted - samples.T, 0).astype(float)
+    energy = float(np.mean(samples.T.astype(float) ** 2))
     n = np.maximum(3.0 * used.sum((1, 2)), 1)
     rss = (left**2).sum((1, 2)) / n
     if not energy > 0 or np.median(rss) < EXACT * energy:
@@ -76,10 +82,10 @@ def ratio_of(e: Array, g: Array) -> float:
     return float(np.sqrt(e.sum() / max(g.sum(), 1e-30)))
 
 
-def by_band(predicted: Samples, trial: Trial) -> dict[str, float]:
+def by_band(predicted: Single, trial: Trial) -> dict[str, float]:
     """Relative error by θ of the light, in the bands of `BANDS` that hold lights."""
     e, g = squares(predicted, trial)
-    theta = np.degrees(np.arccos(np.clip(trial.held_out[:, 2], -1, 1)))
+    theta = np.degrees(np.arccos(np.clip(trial.held.directions[:, 2], -1, 1)))
     result = {}
     for low, high in pairwise(BANDS):
         inside = (theta >= low) & (theta < high)
@@ -93,14 +99,21 @@ def band(low: int, high: int) -> str:
     return f"{low}–{high}°"
 
 
-def by_region(predicted: Samples, trial: Trial, names: list[str]) -> dict[str, float]:
+def by_region(predicted: Single, trial: Trial) -> dict[str, float]:
     """Relative error of each region that the trial has texels of."""
     e, g = squares(predicted, trial)
-    present = [k for k in range(len(names)) if (trial.region == k).any()]
-    return {names[k]: ratio_of(e[trial.region == k], g[trial.region == k]) for k in present}
+    inside = {name: trial.samples.region == k for k, name in enumerate(trial.regions)}
+    return {name: ratio_of(e[at], g[at]) for name, at in inside.items() if at.any()}
 
 
-def pictures(predicted: Samples, trial: Trial) -> dict[str, float]:
+def psnr(predicted: Single, trial: Trial) -> Array:
+    """PSNR (light,), in dB, of displayed values in the stack's RGB, as `kinran evaluate` has it."""
+    p, g, v = (np.moveaxis(a, -1, 0) for a in (predicted, trial.truth, trial.valid.astype(np.float32)))
+    shown = [metrics.to_display(a, trial.coder, trial.peak) for a in (p, g)]
+    return np.array([metrics.psnr(*of_light) for of_light in zip(*shown, v, strict=True)])
+
+
+def pictures(predicted: Single, trial: Trial) -> dict[str, float]:
     """PSNR and SSIM in linear and in display values; nothing for a trial that is no picture."""
     height, width = trial.shape
     if height * width != trial.texels:
@@ -108,24 +121,18 @@ def pictures(predicted: Samples, trial: Trial) -> dict[str, float]:
     seen = np.where(trial.valid, predicted, trial.truth)
     m, g = (np.einsum("cd,tdl->tcl", trial.to_rec709.astype(np.float32), a) for a in (seen, trial.truth))
     result = {}
-    for name, a, b in (("linear", m / trial.peak, g / trial.peak), ("display", _display(m, trial), _display(g, trial))):
+    display = [metrics.to_display(light, trial.coder, trial.peak) for light in (m, g)]
+    for name, (a, b) in (("linear", (m / trial.peak, g / trial.peak)), ("display", display)):
         a, b = np.clip(a, 0, 1), np.clip(b, 0, 1)
-        square = ((a - b) ** 2).mean((0, 1))
-        result[f"psnr_{name}"] = float(np.mean(-10 * np.log10(np.maximum(square, 1e-12))))
+        all_count = np.ones(a.shape[1::-1], np.float32)
+        result[f"psnr_{name}"] = float(np.mean([metrics.psnr(*pair, all_count) for pair in zip(a.T, b.T, strict=True)]))
         use = np.linspace(0, a.shape[2] - 1, min(SSIM_LIGHTS, a.shape[2])).astype(int)
         images = [(a[:, c, i].reshape(height, width), b[:, c, i].reshape(height, width)) for i in use for c in range(3)]
         result[f"ssim_{name}"] = float(np.mean([ssim(x, y) for x, y in images]))
     return result
 
 
-def _display(light: Samples, trial: Trial) -> Samples:
-    if trial.coder:
-        return trial.coder.encode(light)
-    compressed = np.log1p(LOG_COMPRESSION * np.clip(light / trial.peak, 0, 1)) / np.log1p(LOG_COMPRESSION)
-    return np.asarray(compressed, np.float32)
-
-
-def ssim(a: Samples, b: Samples) -> float:
+def ssim(a: Single, b: Single) -> float:
     """Mean structural similarity of two images (y, x) in [0, 1] (Wang2004, Eq. 13), Gaussian window of σ = 1.5."""
     a, b = a.astype(float), b.astype(float)
     c1, c2 = SSIM_K1**2, SSIM_K2**2

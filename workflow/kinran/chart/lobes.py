@@ -1,47 +1,32 @@
 """Lobes in slope space, fitted to a trial as the pipeline fits them to a stack."""
 
+from dataclasses import replace
+
 import numpy as np
-from numpy.typing import NDArray
 
-from kinran import frames
-from kinran.chart.trial import Trial
 from kinran.fit import bounded, learned, slope
-
-PRIOR_SAMPLE = 512
-"""Texels of a region that its prior is made of."""
-
-
-def priors(trial: Trial, tail: str, lobes: int, bent: bool = True) -> tuple[list[slope.Prior], NDArray[np.intp]]:
-    """Priors of the regions that the trial has texels of, and the index (texel,) of each texel's prior."""
-    present, region = np.unique(trial.region, return_inverse=True)
-    some = _sample(region)
-    T, W = trial.T[some], trial.W[some]
-    found = learned.learn_priors(T, W, trial.lights, region[some], len(present), tail=tail, lobes=lobes, bent=bent)
-    return found, region
+from kinran.fit.priors import Prior
+from kinran.fit.samples import Samples, spread_over_regions
+from kinran.fit.slope import Lobes, SlopeFit
 
 
-def fit(trial: Trial, tail: str, lobes: int, with_prior: bool = True) -> slope.SlopeFit:
-    """Fit every texel, under its region's prior or alone."""
-    if not with_prior:
-        return slope.fit(trial.T, trial.W, trial.lights, tail, lobes)
-    known, region = priors(trial, tail, lobes)
-    present = np.unique(trial.region)
-    second = np.where(np.isin(trial.second, present), np.searchsorted(present, trial.second), region)
-    kind = tail, lobes, known, region
-    fitted = slope.fit(trial.T, trial.W, trial.lights, *kind, second=second)
-    half = frames.slopes(trial.lights)
-    return bounded.refit(fitted, trial.T, trial.W, trial.bounds, trial.lights, *kind, 1, half, second)
+def fit(samples: Samples, lobes: Lobes) -> SlopeFit:
+    """Fit every texel under its region's prior, with saturated samples as bounds."""
+    samples = of_present_regions(samples)
+    known = priors(samples, lobes)
+    return bounded.refit(slope.fit(samples, lobes, known), samples, known)
 
 
-def numbers(fitted: slope.SlopeFit) -> int:
-    """Numbers of a texel."""
-    return int(fitted.shapes.shape[1] + 3 * fitted.colours.shape[1])
+def priors(samples: Samples, lobes: Lobes) -> list[Prior]:
+    """Priors of regions that all have texels, from as many of these as the pipeline takes."""
+    regions = int(samples.region.max()) + 1
+    some = np.flatnonzero(spread_over_regions(samples.region, regions, learned.SAMPLE))
+    return learned.learn_priors(samples.of(some), regions, lobes)
 
 
-def _sample(region: NDArray[np.intp]) -> NDArray[np.intp]:
-    """At most 512 texels of each region, evenly through the map."""
-    parts = []
-    for k in np.unique(region):
-        inside = np.flatnonzero(region == k)
-        parts.append(inside[np.linspace(0, len(inside) - 1, min(PRIOR_SAMPLE, len(inside))).astype(int)])
-    return np.sort(np.concatenate(parts))
+def of_present_regions(samples: Samples) -> Samples:
+    """Samples whose regions are counted without those that have no texel here, which then share none either."""
+    present, region = np.unique(samples.region, return_inverse=True)
+    shared = np.isin(samples.second, present)
+    second = np.where(shared, np.searchsorted(present, samples.second), region)
+    return replace(samples, region=region, second=second)

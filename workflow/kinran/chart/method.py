@@ -1,4 +1,4 @@
-"""What a method of the chart is: a trial's training samples in, predictions out."""
+"""What a method of the chart is: a trial's training samples in, a fit out that predicts and has a size."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,33 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.chart.trial import Samples, Trial
-
-Array = NDArray[np.float64]
-Predict = Callable[[Array], Samples]
+from kinran.chart.trial import Trial
+from kinran.encoding import Encoding
+from kinran.fit.channels import Fitted
+from kinran.fit.samples import Samples
+from kinran.near import Under
 
 FAMILIES = ("baseline", "paper", "kinran")
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """A fitted method.
-
-    Attributes
-    ----------
-    predict
-        From lights (light, 3) to T (texel, 3, light).
-    numbers, shared
-        Numbers that it keeps for each texel, and those that all texels share; two bytes each.
-    """
-
-    predict: Predict
-    numbers: float
-    shared: int = 0
-
-    def bytes_per_texel(self, texels: int) -> float:
-        """Bytes of a texel, with its part of what is shared."""
-        return 2 * self.numbers + 2 * self.shared / texels
+NUMBER = 2
+"""Bytes of a number, at half precision."""
 
 
 @dataclass(frozen=True)
@@ -56,3 +38,36 @@ class Method:
     fit: Callable[[Trial], Fitted]
     least_lights: int = 4
     swept: bool = False
+
+
+def bytes_per_texel(fitted: Fitted, texels: int) -> float:
+    """Bytes of a texel, with its part of what is shared by so many."""
+    return NUMBER * (fitted.numbers + fitted.shared / texels)
+
+
+@dataclass(frozen=True)
+class Encoded:
+    """A fit to the values of photographs, which predicts linear light."""
+
+    fitted: Fitted
+    coder: Encoding
+
+    @property
+    def numbers(self) -> float:
+        """Numbers that each texel keeps."""
+        return self.fitted.numbers
+
+    @property
+    def shared(self) -> int:
+        """Numbers that all texels share."""
+        return self.fitted.shared
+
+    def predict(self, under: Under) -> NDArray[np.float32]:
+        """T (texel, 3, light) under some lights, square on, in the unit of the samples."""
+        return self.coder.decode(np.clip(self.fitted.predict(under), 0, 1))
+
+
+def fit_encoded(trial: Trial, fit: Callable[[Samples], Fitted]) -> Fitted:
+    """A fit to a trial's samples as its photographs hold them, which is how it does best; to radiance as it is."""
+    fitted = fit(trial.encoded())
+    return Encoded(fitted, trial.coder) if trial.coder else fitted

@@ -4,10 +4,11 @@ The truth is the geometry of the virtual fabric. All methods see the same statis
 same number of regions; a region that is found counts as the thread that most of its texels are.
 """
 
-import argparse
 import json
-import sys
+import logging
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,50 +16,58 @@ from numpy.typing import NDArray
 from kinran.baselines import mixture
 from kinran.chart import rows
 from kinran.chart.rows import Row
+from kinran.fabric import Fabric
 from kinran.files import InputError, check_name
-from kinran.labels import read_labels
 from kinran.segment import mahalanobis
 from kinran.segment.appearance import over_lights
-from kinran.stack import Stack
 from kinran.virtual.weave import VirtualFabric
+
+log = logging.getLogger(__name__)
 
 Labels = NDArray[np.intp]
 
 PURE = 0.9
-"""Texels of which one thread fills more than this share are pure."""
+"""Texels of which one thread fills more than this share are pure. A choice: an edge within a texel's tenth is left."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the stage."""
-    parser.add_argument("--fabric", required=True)
-    parser.add_argument("--stack", type=Path, required=True, help="radiance stack (.zarr) of the virtual rig")
-    parser.add_argument("--labels", type=Path, required=True, help="label map (.exr)")
-    parser.add_argument("--scene", required=True, help="the virtual fabric, as JSON")
-    parser.add_argument("out", type=Path, help="table (.csv)")
+@dataclass(frozen=True)
+class Inputs:
+    """What the stage reads."""
+
+    fabric: Annotated[Path, "folder of the fabric, of the virtual rig: radiance.zarr, labels.exr"]
 
 
-def main(args: argparse.Namespace) -> None:
+@dataclass(frozen=True)
+class Options:
+    """What the fabric is."""
+
+    name: Annotated[str, "name of the fabric"]
+    scene: Annotated[str, "the virtual fabric, as JSON"]
+
+
+def main(inputs: Inputs, out: Annotated[Path, "OUT", "table (.csv)"], options: Options) -> None:
     """Write the table."""
-    stack, found = Stack.open(args.stack), read_labels(args.labels)
-    truth, purity = VirtualFabric(**json.loads(args.scene)).labels()
-    if truth.shape != found.shape:
-        raise InputError(f"{args.labels}: its size is not that of the virtual fabric; make it again")
-    features = over_lights(stack).features()
+    name, fabric = check_name(options.name, "fabric"), Fabric(inputs.fabric)
+    truth, purity = VirtualFabric(**json.loads(options.scene)).labels()
+    if truth.shape != fabric.labels.shape:
+        raise InputError(f"{fabric.labels_path}: its size is not that of the virtual fabric; make it again")
+    found = fabric.labels.reshape(-1).astype(np.intp)
+    features = over_lights(fabric.stack).features()
     count = int(found.max()) + 1
     clusters = mahalanobis.kmeans(features, count)
     compared = {
-        ("Mahalanobis", "kinran"): found.reshape(-1).astype(np.intp),
+        ("Mahalanobis", "kinran"): found,
         ("k-means", "baseline"): clusters,
         ("EM", "baseline"): mixture.labels(features, clusters, count),
     }
-    fabric, lights = check_name(args.fabric, "fabric"), int((~stack.held_out).sum())
+    lights = int((~fabric.stack.held_out).sum())
     table = []
     for (method, family), labels in compared.items():
         shares = right(labels, truth.reshape(-1).astype(np.intp), purity.reshape(-1) > PURE)
-        print(f"{method}: " + ", ".join(f"{100 * v:.2f} % of {k}" for k, v in shares.items()), file=sys.stderr)
+        log.info("%s: %s", method, ", ".join(f"{100 * share:.2f} % of {part}" for part, share in shares.items()))
         for setting, share in shares.items():
-            table.append(Row(fabric, "segmentation", setting, method, family, lights, {"accuracy": share}))
-    rows.write(args.out, table)
+            table.append(Row(name, "segmentation", setting, method, family, lights, {"accuracy": share}))
+    rows.write(out, table)
 
 
 def right(labels: Labels, truth: Labels, pure: NDArray[np.bool_]) -> dict[str, float]:

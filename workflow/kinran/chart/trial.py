@@ -1,47 +1,50 @@
-"""What methods are tried on: training samples that they see, and held-out samples that they are judged by."""
+"""What methods are tried on: training samples that they see, and held-out photographs that they are judged by."""
 
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinran import encoding, frames
+from kinran.fabric import Fabric
 from kinran.files import InputError
-from kinran.labels import LabelMap
-from kinran.stack import HOT, SATURATED, SHIFTED, Stack
+from kinran.fit.channels import Fitted
+from kinran.fit.samples import Samples, read_samples, training_lights
+from kinran.heldout import HeldOut
+from kinran.near import Index, Under, under
+from kinran.stack import Box, Light, Stack
+from kinran_bsdf.colours import TO_REC709
 
-Samples = NDArray[np.float32]
+Single = NDArray[np.float32]
 Array = NDArray[np.float64]
-Labels = NDArray[np.intp]
-S = TypeVar("S", bound=np.generic)
 
 SIDE = 128
-"""Of larger maps the middle 128 × 128 texels are taken."""
-SATURATED_WEIGHT = 0.2
+"""Of larger maps the middle 128 × 128 texels are taken: a choice, so that the chart of a fabric takes minutes."""
+FULL = 0.99
+"""Share of a sensor's full well that an exposure of the bracket is taken to hold. A choice: with it the chart's errors
+under three exposures are those of frames of three exposures that were merged for real (docs/chart.md)."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """Samples of one fabric, texels first.
+    """Texels of one fabric, under lights that methods see and under others that they are judged by.
 
     Attributes
     ----------
-    T, truth : (texel, 3, light) float32
-        Under the training and the held-out lights, linear, in the stack's unit.
-    W : (texel, light) float32
-        Weights of the training samples, 0 for those not to be used.
-    bounds : (texel, light) float32
-        Weights of saturated samples, as the lower bounds that they are; 0 elsewhere.
+    samples
+        Training samples.
+    lights
+        Training lights, as the stack names them.
+    held
+        Directions of the held-out lights.
+    truth : (texel, 3, light) float32
+        Radiance under the held-out lights as measured, in the stack's unit.
     valid : (texel, 3, light) bool
         Held-out samples that can be judged by.
-    lights, held_out : (light, 3)
     share : (light,)
-        Of the sphere that each held-out light stands for.
-    region, second : (texel,) int
-        Region, and the one that shares the texel; the same where none does.
-    grid : (light, 2) or None
-        (iθ, iφ) of the training lights on a grid.
+        Share of the sphere that each held-out light stands for.
+    regions
+        Names of the fabric's regions.
     shape
         (y, x).
     coder
@@ -50,19 +53,17 @@ class Trial:
         99.9th percentile of the held-out samples.
     clips : tuple of (3,)
         Radiance at which each exposure of the bracket is full, longest first; empty for photographs.
+    to_rec709 : (3, 3)
+        Stack RGB (column) to linear Rec. 709.
     """
 
-    T: Samples
-    W: Samples
-    bounds: Samples
-    lights: Array
-    truth: Samples
+    samples: Samples
+    lights: tuple[Light, ...]
+    held: Under
+    truth: Single
     valid: NDArray[np.bool_]
-    held_out: Array
     share: Array
-    region: Labels
-    second: Labels
-    grid: NDArray[np.intp] | None
+    regions: tuple[str, ...]
     shape: tuple[int, int]
     coder: encoding.Encoding | None
     peak: float
@@ -72,34 +73,82 @@ class Trial:
     @property
     def texels(self) -> int:
         """Number of texels."""
-        return len(self.T)
+        return len(self.samples)
+
+    def measured(self, fitted: Fitted) -> Single:
+        """What a fitted method says that the stack holds under the held-out lights: (texel, 3, light)."""
+        return self.held.reaching(fitted.predict(self.held))
 
     def encoded(self) -> Samples:
         """Training samples as the photographs hold them; radiance as it is."""
-        return self.coder.encode(self.T) if self.coder else self.T
+        return replace(self.samples, T=self.coder.encode(self.samples.T)) if self.coder else self.samples
 
-    def decoded(self, values: Samples) -> Samples:
+    def decoded(self, values: Single) -> Single:
         """Linear light of what a method says in the values of `encoded`."""
         return self.coder.decode(np.clip(values, 0, 1)) if self.coder else values
 
     def under(self, use: NDArray[np.intp]) -> "Trial":
         """The trial with these of the training lights alone."""
-        grid = None if self.grid is None else self.grid[use]
-        T, W, bounds = (np.ascontiguousarray(part[..., use]) for part in (self.T, self.W, self.bounds))
-        return replace(self, T=T, W=W, bounds=bounds, lights=self.lights[use], grid=grid)
+        return replace(self, samples=self.samples.only(use), lights=tuple(self.lights[i] for i in use))
+
+    def of(self, texels: Index) -> "Trial":
+        """The trial with some of its texels; `shape` no longer holds."""
+        parts = {name: getattr(self, name)[texels] for name in ("truth", "valid")}
+        return replace(self, samples=self.samples.of(texels), held=self.held.of(texels), **parts)
 
     def thinned(self, most: int) -> "Trial":
-        """The trial with at most so many texels, evenly through the map; `shape` no longer holds."""
-        use = np.linspace(0, self.texels - 1, min(most, self.texels)).astype(np.intp)
-        names = ("T", "W", "bounds", "truth", "valid", "region", "second")
-        return replace(self, **{name: getattr(self, name)[use] for name in names})
+        """The trial with at most so many texels, evenly through the map."""
+        return self.of(np.linspace(0, self.texels - 1, min(most, self.texels)).astype(np.intp))
 
     def with_exposures(self, kept: int) -> "Trial":
         """The trial as if only the `kept` longest exposures had been taken: what is brighter is clipped."""
         clip = self.clips[kept - 1].astype(np.float32)[:, None]
-        full = (clip <= self.T).any(1)
-        W, bounds = np.where(full, 0, self.W), np.where(full & (self.W > 0), 1, self.bounds)
-        return replace(self, T=np.minimum(self.T, clip), W=W.astype(np.float32), bounds=bounds.astype(np.float32))
+        seen, W = self.samples.under.reaching(self.samples.T), self.samples.W
+        full = (clip <= seen).any(1)
+        bounds = np.zeros_like(W) if self.samples.bounds is None else self.samples.bounds
+        less = replace(
+            self.samples,
+            T=self.samples.under.square_on(np.minimum(seen, clip)),
+            W=np.where(full, 0, W).astype(np.float32),
+            bounds=np.where(full & (W > 0), 1, bounds).astype(np.float32),
+        )
+        return replace(self, samples=less)
+
+
+def read(fabric: Fabric) -> Trial:
+    """The trial of a fabric's middle texels.
+
+    Raises
+    ------
+    InputError
+        No light is held out.
+    """
+    stack = fabric.stack
+    if not stack.held_out.any():
+        raise InputError(f"{stack.path}: no light is held out to judge by; set holdout in config.yaml")
+    box = middle(stack)
+    held = HeldOut.read(stack, box)
+    return Trial(
+        samples=read_samples(fabric, box),
+        lights=tuple(stack.lights[i] for i in training_lights(stack)),
+        held=under(stack, box, held.use),
+        truth=by_texel(held.truth),
+        valid=by_texel(held.valid) > 0,
+        share=held.share,
+        regions=tuple(region.name for region in fabric.regions),
+        shape=(box[1] - box[0], box[3] - box[2]),
+        coder=held.coder,
+        peak=held.peak,
+        clips=_clips(stack),
+        to_rec709=TO_REC709 @ stack.to_acescg,
+    )
+
+
+def middle(stack: Stack) -> Box:
+    """The texels of a stack that methods are tried on."""
+    height, width = min(stack.height, SIDE), min(stack.width, SIDE)
+    y, x = (stack.height - height) // 2, (stack.width - width) // 2
+    return y, y + height, x, x + width
 
 
 def spread(lights: Array, count: int) -> NDArray[np.intp]:
@@ -113,75 +162,9 @@ def spread(lights: Array, count: int) -> NDArray[np.intp]:
     return np.sort(np.array(chosen, np.intp))
 
 
-def read(stack: Stack, labels: LabelMap, to_rec709: Array, second: LabelMap | None = None) -> Trial:
-    """The trial of a stack's middle texels; `second` shares them, nobody by default.
-
-    Raises
-    ------
-    InputError
-        No light is held out, or the labels are not those of the stack.
-    """
-    if not stack.held_out.any():
-        raise InputError(f"{stack.path}: no light is held out to judge by; set holdout in config.yaml")
-    if labels.shape != (stack.height, stack.width):
-        raise InputError(f"{stack.path}: its {stack.height} × {stack.width} texels are not those of the label map")
-    height, width = min(stack.height, SIDE), min(stack.width, SIDE)
-    y, x = (stack.height - height) // 2, (stack.width - width) // 2
-    radiance, flags = stack.read_tile(y, y + height, x, x + width)
-    held = stack.held_out
-    T = _texels(np.asarray(np.nan_to_num(radiance[~held], posinf=0, neginf=0), np.float32))
-    truth, bits = _texels(radiance[held]), _texels(flags[held])
-    coder = encoding.parse(stack.encoding) if stack.encoding else None
-    bad = HOT | SHIFTED | (0 if coder else SATURATED)
-    valid = ((bits & bad) == 0) & np.isfinite(truth)
-    truth = np.where(valid, truth, 0).astype(np.float32)
-    lights = [light for light in stack.lights if not light.held_out]
-    on_grid = all(light.grid for light in stack.lights)
-    directions = stack.directions
-    return Trial(
-        T=T,
-        W=_weights(T, _texels(flags[~held]), coder),
-        bounds=_bounds(T, _texels(flags[~held]), coder),
-        lights=directions[~held],
-        truth=truth,
-        valid=valid,
-        held_out=directions[held],
-        share=np.sqrt(np.maximum(1 - directions[held, 2] ** 2, 0)) if on_grid else np.ones(int(held.sum())),
-        region=labels[y : y + height, x : x + width].reshape(-1).astype(np.intp),
-        second=(labels if second is None else second)[y : y + height, x : x + width].reshape(-1).astype(np.intp),
-        grid=np.array([light.grid for light in lights], np.intp) if on_grid else None,
-        shape=(height, width),
-        coder=coder,
-        peak=float(np.percentile(truth, 99.9)) or 1.0,
-        clips=_clips(stack),
-        to_rec709=to_rec709,
-    )
-
-
-def _texels(images: NDArray[S]) -> NDArray[S]:
-    """(light, y, x, 3) as (texel, 3, light)."""
-    n = len(images)
-    return np.ascontiguousarray(images.reshape(n, -1, 3).transpose(1, 2, 0))
-
-
-def _weights(T: Samples, flags: NDArray[np.uint8], coder: encoding.Encoding | None) -> Samples:
-    """Weights as the fit's samples have them."""
-    bits = np.bitwise_or.reduce(flags, axis=1)
-    W = np.ones(bits.shape, np.float32)
-    if coder:
-        W = coder.weight(T.mean(1))
-        W[(bits & SATURATED) > 0] *= SATURATED_WEIGHT
-    else:
-        W[(bits & SATURATED) > 0] = 0
-    W[(bits & (HOT | SHIFTED)) > 0] = 0
-    return W
-
-
-def _bounds(T: Samples, flags: NDArray[np.uint8], coder: encoding.Encoding | None) -> Samples:
-    """Weights of saturated samples as the fit's samples have them."""
-    bits = np.bitwise_or.reduce(flags, axis=1)
-    weight = coder.weight(T.mean(1)) if coder else np.float32(1)
-    return np.where((bits & SATURATED > 0) & (bits & (HOT | SHIFTED) == 0), weight, 0).astype(np.float32)
+def by_texel(images: Single) -> Single:
+    """Images (light, y, x, 3) as (texel, 3, light)."""
+    return np.ascontiguousarray(images.reshape(len(images), -1, 3).transpose(1, 2, 0))
 
 
 def _clips(stack: Stack) -> tuple[Array, ...]:
@@ -189,4 +172,4 @@ def _clips(stack: Stack) -> tuple[Array, ...]:
     if noise.get("kind") != "raw":
         return ()
     white = np.asarray(noise["white_counts_per_second"], float)
-    return tuple(0.99 * noise["saturation_counts"] / (s * white) for s in sorted(noise["seconds"], reverse=True))
+    return tuple(FULL * noise["saturation_counts"] / (s * white) for s in sorted(noise["seconds"], reverse=True))

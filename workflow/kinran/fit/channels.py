@@ -1,4 +1,4 @@
-"""What every fitted model is: it predicts, it has a size, and it has channels for a material's maps."""
+"""What every fitted model is: it predicts and has a size; what becomes a material has channels for its maps, too."""
 
 from itertools import product
 from typing import Protocol
@@ -19,9 +19,18 @@ class Fitted(Protocol):
         """Numbers that each texel keeps."""
         ...
 
+    @property
+    def shared(self) -> int:
+        """Numbers that all texels share."""
+        ...
+
     def predict(self, under: Under) -> NDArray[np.float32]:
         """T (texel, 3, light) under some lights, square on, in the unit of the samples."""
         ...
+
+
+class Mapped(Fitted, Protocol):
+    """A fitted model that becomes a material."""
 
     def channels(self) -> Channels:
         """Channels (texel,) of the material's maps, named as `kinran_bsdf` names them; colours in the stack's RGB."""

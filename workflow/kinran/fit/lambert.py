@@ -16,6 +16,7 @@ class LambertFit:
 
     colours: NDArray[np.float64]
     numbers: float = 3
+    shared: int = 0
 
     def predict(self, under: Under) -> NDArray[np.float32]:
         """T (texel, 3, light) under some lights, square on, in the unit of the samples."""

@@ -11,6 +11,9 @@ from kinran.fit.slope import Lobes, SlopeFit, fit, resolution
 
 Array = NDArray[np.float64]
 
+SAMPLE = 512
+"""Texels of a region that its prior is made of, by the stage `prior` and in the chart. A choice, no measurement of its
+own stands behind it."""
 HOLD = 10.0
 """Variance, over the mean square of the samples, whose prior holds the shapes at their region's."""
 TRUSTED = 12.0

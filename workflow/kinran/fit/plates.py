@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran import frames
-from kinran.baselines.basis import harmonics
+from kinran.fit.harmonics import harmonics
 from kinran_bsdf.residual import kernel_matrix, spline
 
 Array = NDArray[np.float64]

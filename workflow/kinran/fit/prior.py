@@ -13,10 +13,6 @@ from kinran.fit.samples import read_some, spread_over_regions, training_lights
 
 log = logging.getLogger(__name__)
 
-SAMPLE = 512
-"""Texels of a region that its prior is made of: as many as the chart's trials have. A choice, no measurement of its own
-stands behind it."""
-
 
 @dataclass(frozen=True)
 class Inputs:
@@ -40,7 +36,7 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "priors (.json)"], options:
     fabric = Fabric(inputs.fabric)
     lobes = chosen_lobes(inputs.choice, options.tail, options.lobes)
     regions = len(fabric.regions)
-    samples = read_some(fabric, spread_over_regions(fabric.labels, regions, SAMPLE)).unshared()
+    samples = read_some(fabric, spread_over_regions(fabric.labels, regions, learned.SAMPLE)).unshared()
     lights = [fabric.stack.lights[i] for i in training_lights(fabric.stack)]
     factors, outliers = trust.learn(samples, lobes, options.threads)
     for light, factor in zip(lights, factors, strict=True):

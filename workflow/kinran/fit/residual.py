@@ -140,7 +140,7 @@ def _spread(shape: tuple[int, ...]) -> NDArray[np.bool_]:
     return chosen.reshape(shape)
 
 
-def _by_light(T: Values, domain: str) -> Values:
+def by_light(T: Values, domain: str) -> Values:
     """Display-like values (light, texel · 3) of radiance (texel, 3, light)."""
     return np.asarray(compress(T, domain).transpose(2, 0, 1).reshape(T.shape[2], -1))
 
@@ -160,7 +160,7 @@ def cross_validate(samples: Samples, lobes: Lobes, priors: list[Prior], domain: 
     """
     samples = samples.unshared()
     under, lights = samples.under, samples.under.directions
-    shown = _by_light(under.reaching(samples.T), domain)
+    shown = by_light(under.reaching(samples.T), domain)
     usable = np.repeat((samples.W > 0).T, 3, axis=1).astype(np.float32)
     fold = deal(lights, FOLDS if len(lights) <= MANY_LIGHTS else FEW_FOLDS)
     inner = np.zeros(len(lights), bool)
@@ -168,7 +168,7 @@ def cross_validate(samples: Samples, lobes: Lobes, priors: list[Prior], domain: 
     for k in range(fold.max() + 1):
         train, test = fold != k, fold == k
         fitted = slope.fit(samples.only(train), lobes, priors, threads)
-        said = _by_light(under.reaching(fitted.predict(under)), domain)
+        said = by_light(under.reaching(fitted.predict(under)), domain)
         inner[test] = surrounded(lights[test], lights[train])
         for key, predicted in _candidates(shown, said, lights, domain, train, test):
             errors = [_psnr(p, g, u) for p, g, u in zip(predicted, shown[test], usable[test], strict=True)]
@@ -260,7 +260,7 @@ class _Left:
         lights = training_lights(self.fabric.stack)
         tile = read_samples(self.fabric, box)
         said = prediction.predict(self.lobes, self.fabric.stack, box, lights).reshape(len(lights), -1)
-        shown = _by_light(np.nan_to_num(tile.under.reaching(tile.T)), self.domain)
+        shown = by_light(np.nan_to_num(tile.under.reaching(tile.T)), self.domain)
         return remainder(shown, compress(said, self.domain), self.domain, self.choice.share)
 
     def components(self) -> Array:

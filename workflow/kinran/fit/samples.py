@@ -140,8 +140,8 @@ def concatenated(parts: Sequence[Samples]) -> Samples:
     return Samples(T, W, join([part.under for part in parts]), region, second, bounds)
 
 
-def spread_over_regions(labels: LabelMap, regions: int, most: int) -> NDArray[np.bool_]:
-    """Mask (y, x) of at most so many texels of each of the regions, evenly through it."""
+def spread_over_regions(labels: LabelMap | Labels, regions: int, most: int) -> NDArray[np.bool_]:
+    """Mask, (y, x) or (texel,) as the labels, of at most so many texels of each region, evenly through it."""
     chosen = np.zeros(labels.size, bool)
     for k in range(regions):
         inside = np.flatnonzero(labels.reshape(-1) == k)

@@ -92,6 +92,11 @@ class SlopeFit:
         """Numbers that each texel keeps."""
         return self.shapes.shape[1] + 3 * self.colours.shape[1]
 
+    @property
+    def shared(self) -> int:
+        """Numbers that all texels share."""
+        return 0
+
     def of(self, at: Index) -> "SlopeFit":
         """The fit of some texels."""
         return SlopeFit(self.lobes, self.shapes[at], self.colours[at], self.cost[at])

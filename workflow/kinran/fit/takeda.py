@@ -25,6 +25,7 @@ class TakedaFit:
     shapes: Array
     colours: Array
     numbers: float = 10
+    shared: int = 0
 
     def predict(self, under: Under) -> NDArray[np.float32]:
         """T (texel, 3, light) under some lights, square on, in the unit of the samples."""

@@ -14,7 +14,7 @@ from kinran.code import digest
 from kinran.fabric import Fabric
 from kinran.files import InputError, atomic
 from kinran.fit import bounded, lambert, reweighted, samples, slope, takeda
-from kinran.fit.channels import Channels, Fitted
+from kinran.fit.channels import Channels, Mapped
 from kinran.fit.finished import Finished, content_key
 from kinran.fit.priors import Priors
 from kinran.fit.regions import chosen_lobes, kind, lobed_labels
@@ -121,7 +121,7 @@ class _Job:
                 channels[name][at] = values
         return channels
 
-    def _fitted(self, tile: Samples) -> Fitted:
+    def _fitted(self, tile: Samples) -> Mapped:
         """The model, fitted to each texel."""
         return FITS[self.model](self, tile)
 
@@ -150,7 +150,7 @@ class _Job:
         samples.texels_first(one, np.zeros(one.shape, np.uint8), np.ones(256, np.float32))
 
 
-FITS: dict[str, Callable[[_Job, Samples], Fitted]] = {
+FITS: dict[str, Callable[[_Job, Samples], Mapped]] = {
     "slope": _Job.slope,
     "takeda2008": _Job.four_steps,
     "lambert": _Job.diffuse,

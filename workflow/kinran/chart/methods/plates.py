@@ -1,11 +1,13 @@
 """Interpolation between lights: principal components [Sch04], vector quantisation [SY04], the samples themselves."""
 
 from kinran.baselines import codebook, components, interpolation
-from kinran.chart.method import Fitted, Method
+from kinran.chart.method import Method, fit_encoded
 from kinran.chart.trial import Trial
+from kinran.fit.channels import Fitted
 
 SMOOTHING = 1e-3
-"""Of thin plates over photographs; radiance, which has less noise, goes through its samples."""
+"""Smoothing of thin plates over photographs; radiance, which has less noise, goes through its samples. A choice: the
+least that `kinran residual` tries."""
 
 
 def _plate(trial: Trial) -> interpolation.Matrix:
@@ -13,18 +15,15 @@ def _plate(trial: Trial) -> interpolation.Matrix:
 
 
 def _components(trial: Trial, count: int) -> Fitted:
-    fitted = components.fit(trial.encoded(), trial.lights, count, _plate(trial))
-    return Fitted(lambda lights: trial.decoded(components.predict(fitted, lights)), fitted.numbers, fitted.shared)
+    return fit_encoded(trial, lambda samples: components.fit(samples, count, _plate(trial)))
 
 
 def _codebook(trial: Trial, count: int) -> Fitted:
-    fitted = codebook.fit(trial.encoded(), trial.lights, count, _plate(trial))
-    return Fitted(lambda lights: trial.decoded(codebook.predict(fitted, lights)), fitted.numbers, fitted.shared)
+    return fit_encoded(trial, lambda samples: codebook.fit(samples, count, _plate(trial)))
 
 
 def _kept(trial: Trial, matrix: interpolation.Matrix) -> Fitted:
-    fitted = interpolation.fit(trial.encoded(), trial.lights, matrix)
-    return Fitted(lambda lights: trial.decoded(interpolation.predict(fitted, lights)), fitted.numbers)
+    return fit_encoded(trial, lambda samples: interpolation.fit(samples, matrix))
 
 
 METHODS = (

@@ -3,41 +3,58 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinran.chart import lobes
-from kinran.chart.method import Array, Fitted, Method
-from kinran.chart.trial import Trial
+from kinran.chart.method import Method
 from kinran.fit import learned, slope
-from kinran.fit.predict import predict
+from kinran.fit.priors import Prior
+from kinran.fit.samples import Samples
+from kinran.fit.slope import Lobes, SlopeFit
+from kinran.near import Under
 
-TAIL = "ggx"
+LOBE = Lobes("ggx", 1, bent=False)
 WIDTHS = slice(2, 5)
 """Shapes of a lobe that the region shares."""
 TIGHT = 0.03
-NUMBERS = 8.5
-"""Two slopes, two colours, and a byte that names the region."""
+"""Standard deviation of the widths that the fit is held to, before they are set to the region's. A choice."""
 
 
 @dataclass(frozen=True)
-class _Shared(slope.Prior):
+class _Shared(Prior):
     """A prior that holds the widths and says nothing of where the lobe stands."""
 
-    def stiffness(self) -> Array:
+    def stiffness(self) -> NDArray[np.float64]:
         held = np.zeros(self.centre.size)
         held[WIDTHS] = self.variance / TIGHT**2
         return held
 
 
-def _region_shape(trial: Trial) -> Fitted:
-    known, region = lobes.priors(trial, TAIL, 1, bent=False)
-    energy = learned.HOLD * float(np.mean(trial.T.astype(float) ** 2))
-    shared: list[slope.Prior] = [_Shared(prior.centre, energy) for prior in known]
-    found = slope.fit(trial.T, trial.W, trial.lights, TAIL, 1, shared, region, bent=False)
+@dataclass(frozen=True)
+class RegionShape:
+    """Lobes whose widths are their region's."""
+
+    lobes: SlopeFit
+    shared: int
+    numbers: float = 8.5
+    """Two slopes, two colours, and a byte that names the region."""
+
+    def predict(self, under: Under) -> NDArray[np.float32]:
+        """T (texel, 3, light) under some lights, square on, in the unit of the samples."""
+        return self.lobes.predict(under)
+
+
+def fit(samples: Samples) -> RegionShape:
+    """Fit under priors that hold the widths, set them to the region's, then fit the colours anew."""
+    samples = lobes.of_present_regions(samples)
+    known = lobes.priors(samples, LOBE)
+    energy = learned.HOLD * float(np.mean(samples.T.astype(float) ** 2))
+    shared: list[Prior] = [_Shared(prior.centre, energy) for prior in known]
+    samples = samples.unshared()
+    found = slope.fit(samples, LOBE, shared)
     shapes = found.shapes.copy()
-    shapes[:, WIDTHS] = np.stack([prior.centre[WIDTHS] for prior in known])[region]
-    # the colours anew, for widths that are exactly the region's
-    fitted = slope.fit(trial.T, trial.W, trial.lights, TAIL, 1, shared, region, bent=False, iterations=0, start=shapes)
-    return Fitted(lambda lights: predict(fitted, lights, TAIL), NUMBERS, 3 * len(known))
+    shapes[:, WIDTHS] = np.stack([prior.centre[WIDTHS] for prior in known])[samples.region]
+    return RegionShape(slope.fit(samples, LOBE, shared, start=shapes, iterations=0), 3 * len(known))
 
 
-METHODS = (Method("region's shape", "kinran", _region_shape, 8, True),)
+METHODS = (Method("region's shape", "kinran", lambda t: fit(t.samples), 8, True),)

@@ -1,21 +1,18 @@
 """Elliptical lobes in slope space, each texel alone and under its region's prior."""
 
 from kinran.chart import lobes
-from kinran.chart.method import Fitted, Method
-from kinran.chart.trial import Trial
-from kinran.fit.predict import predict
+from kinran.chart.method import Method
+from kinran.fit import slope
+from kinran.fit.slope import Lobes
 
-
-def _slope(trial: Trial, tail: str, count: int, with_prior: bool) -> Fitted:
-    fitted = lobes.fit(trial, tail, count, with_prior)
-    return Fitted(lambda lights: predict(fitted, lights, tail), lobes.numbers(fitted))
-
+GAUSSIAN, GGX = Lobes("gaussian", 1), Lobes("ggx", 1)
+TWO_GAUSSIANS, TWO_GGX = Lobes("gaussian", 2), Lobes("ggx", 2)
 
 METHODS = (
-    Method("Gaussian lobe", "kinran", lambda t: _slope(t, "gaussian", 1, False), 8),
-    Method("GGX lobe", "kinran", lambda t: _slope(t, "ggx", 1, False), 8, True),
-    Method("GGX lobe, prior", "kinran", lambda t: _slope(t, "ggx", 1, True), 8, True),
-    Method("2 Gaussian lobes", "kinran", lambda t: _slope(t, "gaussian", 2, False), 16, True),
-    Method("2 Gaussian lobes, prior", "kinran", lambda t: _slope(t, "gaussian", 2, True), 16, True),
-    Method("2 GGX lobes, prior", "kinran", lambda t: _slope(t, "ggx", 2, True), 16),
+    Method("Gaussian lobe", "kinran", lambda t: slope.fit(t.samples, GAUSSIAN), 8),
+    Method("GGX lobe", "kinran", lambda t: slope.fit(t.samples, GGX), 8, True),
+    Method("GGX lobe, prior", "kinran", lambda t: lobes.fit(t.samples, GGX), 8, True),
+    Method("2 Gaussian lobes", "kinran", lambda t: slope.fit(t.samples, TWO_GAUSSIANS), 16, True),
+    Method("2 Gaussian lobes, prior", "kinran", lambda t: lobes.fit(t.samples, TWO_GAUSSIANS), 16, True),
+    Method("2 GGX lobes, prior", "kinran", lambda t: lobes.fit(t.samples, TWO_GGX), 16),
 )

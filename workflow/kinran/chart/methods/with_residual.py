@@ -1,16 +1,13 @@
 """Two Gaussian lobes and a residual of 4, 9 or 16 components."""
 
 from kinran.chart import residual
-from kinran.chart.method import Fitted, Method
-from kinran.chart.trial import Trial
+from kinran.chart.method import Method
+from kinran.fit.slope import Lobes
 
-
-def _lobes(trial: Trial, components: int) -> Fitted:
-    return residual.fit(trial, "gaussian", 2, components)
-
+LOBES = Lobes("gaussian", 2)
 
 METHODS = (
-    Method("lobes + residual 4", "kinran", lambda t: _lobes(t, 4), 20),
-    Method("lobes + residual 9", "kinran", lambda t: _lobes(t, 9), 20, True),
-    Method("lobes + residual 16", "kinran", lambda t: _lobes(t, 16), 20),
+    Method("lobes + residual 4", "kinran", lambda t: residual.fit(t, LOBES, 4), 20),
+    Method("lobes + residual 9", "kinran", lambda t: residual.fit(t, LOBES, 9), 20, True),
+    Method("lobes + residual 16", "kinran", lambda t: residual.fit(t, LOBES, 16), 20),
 )
