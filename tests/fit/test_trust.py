@@ -10,11 +10,12 @@ from synthetic_texels import grid, sampled, texels
 
 from kinran import frames
 from kinran.bench.texels import microfacets, noisy
+from kinran.fabric import Fabric
 from kinran.files import read_json
 from kinran.fit import trust
-from kinran.fit.priors import Priors
+from kinran.fit.priors import Prior, Priors
 from kinran.fit.slope import Lobes
-from kinran.stack import Light, Stack
+from kinran.stack import Light
 from kinran_bsdf.relight import relight
 
 LIGHTS = grid(10, 12)
@@ -91,7 +92,7 @@ def test_the_stages_take_what_they_trust(tmp_path: Path, caplog: pytest.LogCaptu
 def test_lights_are_known_by_their_names(tmp_path: Path) -> None:
     lights = [Light(name, (0.0, 0.0, 1.0)) for name in "abc"]
     path = tmp_path / "prior.json"
-    Priors([], np.array([1, 0.25, 1], np.float32), outliers=True).write(path, lights)
+    Priors([Prior(np.zeros(7), 0.1)], np.array([1, 0.25, 1], np.float32), outliers=True).write(path, lights)
     assert read_json(path)["trust"] == {"lights": {"b": 0.25}, "outliers": True}
     Cloth(tmp_path, np.zeros((3, 1, 1, 3)), [*lights[1:], Light("held", (0.0, 0.0, 1.0), held_out=True)])
-    np.testing.assert_array_equal(Priors.read(path, Stack.open(tmp_path / "radiance.zarr")).lights, [0.25, 1])
+    np.testing.assert_array_equal(Priors.read(path, Fabric(tmp_path)).lights, [0.25, 1])

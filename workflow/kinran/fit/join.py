@@ -1,6 +1,7 @@
 """Join the fitted runs of a model to its material file."""
 
 import logging
+import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +13,8 @@ from scipy.ndimage import distance_transform_edt
 
 from kinran.fabric import Fabric
 from kinran.files import InputError, sha256, write_json
-from kinran.fit.regions import chosen_lobes, lobed_labels
+from kinran.fit.regions import chosen_lobes, kind, lobed_labels
+from kinran.fit.slope import Lobes
 from kinran.labels import LabelMap
 from kinran_bsdf.material import Material, write_material
 from kinran_bsdf.models import MODELS, Lambert, Slope
@@ -57,9 +59,10 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
     """Write the material and a summary of what it cost."""
     fabric = Fabric(inputs.fabric)
     labels = fabric.labels
-    maps, costs, peak = _maps(inputs.runs, out.material, labels.shape)
+    lobes = chosen_lobes(inputs.choice, options.tail, options.lobes)
+    maps, costs, peak = _maps(inputs.runs, kind(options.model, lobes), out.material, labels.shape)
     filled = _fill(maps, maps.pop("fit.valid") > 0, labels)
-    material = _material(fabric, inputs, options, maps)
+    material = _material(fabric, inputs, options, lobes, maps)
     bound = clamp(material)
     write_material(out.material, replace(material, channels={**material.channels, "bound": bound}))
     summary: dict[str, Any] = {
@@ -78,12 +81,11 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
         log.info("material: %d texels have no samples of their own; filled from their regions", filled)
 
 
-def _material(fabric: Fabric, inputs: Inputs, options: Options, maps: dict[str, Map]) -> Material:
+def _material(fabric: Fabric, inputs: Inputs, options: Options, lobes: Lobes, maps: dict[str, Map]) -> Material:
     """The material of all maps, without its albedo bound."""
     stack, model = fabric.stack, options.model
     if model not in MODELS:
         raise InputError(f"model {model}: is none of {', '.join(MODELS)}")
-    lobes = chosen_lobes(inputs.choice, options.tail, options.lobes)
     lobed = lobed_labels(fabric.labels, options.fitted, inputs.need, inputs.choice)
     channels = _material_channels(maps, stack.to_acescg)
     channels["label"] = fabric.labels.astype(np.float32)
@@ -104,19 +106,36 @@ def _material(fabric: Fabric, inputs: Inputs, options: Options, maps: dict[str, 
     )
 
 
-def _maps(runs: Sequence[Path], out: Path, shape: tuple[int, ...]) -> tuple[dict[str, Map], dict[str, float], float]:
-    """Maps (y, x) of all runs, the sums of what they cost, and the largest peak of memory in MiB."""
+def _maps(
+    runs: Sequence[Path], of: str, out: Path, shape: tuple[int, ...]
+) -> tuple[dict[str, Map], dict[str, float], float]:
+    """Maps (y, x) of all runs of a kind, the sums of what they cost, and the largest peak of memory in MiB."""
     maps: dict[str, Map] = {}
     covered = np.zeros(shape, bool)
     costs, peak = dict.fromkeys(COSTS, 0.0), 0.0
     for run in runs:
-        with np.load(run) as data:
+        with _opened(run) as data:
+            if str(data["kind"]) != of:
+                raise InputError(
+                    f"{run}: was fitted as {data['kind']}, not as {of}; give the options that it was fitted with"
+                )
             _scatter(data, maps, covered)
             costs = {key: value + float(data[key]) for key, value in costs.items()}
             peak = max(peak, float(data["peak_mb"]))
     if not covered.all():
         raise InputError(f"{out}: {int((~covered).sum())} texels have no fit; give all runs of the model")
     return maps, costs, peak
+
+
+def _opened(run: Path) -> "np.lib.npyio.NpzFile":
+    """File of a run."""
+    try:
+        data = np.load(run)
+        if "kind" in data:
+            return data
+    except (OSError, ValueError, zipfile.BadZipFile):
+        pass
+    raise InputError(f"{run}: is no fitted run; make it with kinran fit")
 
 
 def _scatter(data: "np.lib.npyio.NpzFile", maps: dict[str, Map], covered: NDArray[np.bool_]) -> None:

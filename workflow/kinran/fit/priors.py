@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kinran.fabric import Fabric
 from kinran.files import InputError, read_json, write_json
 from kinran.fit.solver.lobes import DIFFUSE_SIZE, LOBE_SIZE, squared_widths
-from kinran.stack import Light, Stack
+from kinran.stack import Light
 
 Array = NDArray[np.float64]
 
@@ -109,21 +110,27 @@ class Priors:
         write_json(path, {"regions": [prior.row() for prior in self.regions], "trust": trust})
 
     @classmethod
-    def read(cls, path: Path, stack: Stack) -> "Priors":
-        """Priors of a stack, which `kinran prior` wrote.
+    def read(cls, path: Path, fabric: Fabric) -> "Priors":
+        """Priors of a fabric, which `kinran prior` wrote.
 
         Raises
         ------
         InputError
-            The file is missing or is something else.
+            The file is missing, is something else, or is of another fabric.
         """
-        value = read_json(path)
+        value, regions = read_json(path), int(fabric.labels.max()) + 1
         try:
-            names = [light.name for light in stack.lights if not light.held_out]
+            names = [light.name for light in fabric.stack.lights if not light.held_out]
             weights = np.array([value["trust"]["lights"].get(name, 1) for name in names], np.float32)
-            return cls([Prior.from_row(row) for row in value["regions"]], weights, bool(value["trust"]["outliers"]))
+            found = cls([Prior.from_row(row) for row in value["regions"]], weights, bool(value["trust"]["outliers"]))
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(f"{path}: holds no priors ({error!r}); make it with kinran prior") from None
+        if len(found.regions) < regions:
+            raise InputError(
+                f"{path}: holds priors of {len(found.regions)} regions, and {fabric.labels_path} has {regions}; make it"
+                " again with kinran prior"
+            )
+        return found
 
 
 def _narrowest(lobe: Array) -> float:

@@ -14,6 +14,11 @@ def chosen_lobes(choice: Path | None, tail: str, count: int) -> Lobes:
     return _read(choice)[0] if choice else Lobes(tail, count)
 
 
+def kind(model: str, lobes: Lobes) -> str:
+    """What a run of tiles was fitted with, in words: its file holds them, so that no run of another kind is joined."""
+    return f"slope: {lobes.count} {lobes.tail}" if model == "slope" else model
+
+
 def lobed_labels(
     labels: LabelMap, asked: Sequence[int] | None, need: Path | None, choice: Path | None
 ) -> list[int] | None:

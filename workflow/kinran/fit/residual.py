@@ -94,7 +94,7 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
     material = read_material(inputs.material)
     domain = fabric.stack.encoding or f"log:{_peak(fabric):.6g}"
     sample = read_some(fabric, _spread(fabric.labels.shape))
-    lobes, priors = Lobes(material.tail, material.lobes), Priors.read(inputs.prior, fabric.stack)
+    lobes, priors = Lobes(material.tail, material.lobes), Priors.read(inputs.prior, fabric)
     choice = cross_validate(sample, lobes, priors.regions, domain, options.threads)
     if choice.components:
         material = _Left(fabric, material, domain, choice).material()

@@ -64,7 +64,7 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
     material = read_material(inputs.material)
     if not isinstance(material.reflection, Slope):
         raise InputError(f"{inputs.material}: is of model {material.model}; give one of model {Slope.name}")
-    priors = Priors.read(inputs.prior, stack)
+    priors = Priors.read(inputs.prior, fabric)
     least = AT_BOUND * slope.resolution(stack.directions[~stack.held_out], material.lobes)
     maps: dict[str, Map] = {}
     for box in progress(stack.tiles(), "sigma", "tiles"):

@@ -17,7 +17,7 @@ from kinran.fit import bounded, lambert, reweighted, samples, slope, takeda
 from kinran.fit.channels import Channels, Mapped
 from kinran.fit.finished import Finished, content_key
 from kinran.fit.priors import Priors
-from kinran.fit.regions import chosen_lobes, lobed_labels
+from kinran.fit.regions import chosen_lobes, kind, lobed_labels
 from kinran.fit.samples import Samples
 from kinran.fit.slope import Lobes
 from kinran.lights import half_steps
@@ -66,7 +66,7 @@ def main(
     for box in progress(boxes, options.model, "tiles"):
         if not finished.has(box):
             finished.keep(box, job.fit(box))
-    _write(out, [finished.read(box) for box in boxes], boxes)
+    _write(out, kind(job.model, job.lobes), [finished.read(box) for box in boxes], boxes)
     finished.clear()
 
 
@@ -87,7 +87,7 @@ class _Job:
             raise InputError(f"model {options.model}: is none of {', '.join(FITS)}")
         lobes = chosen_lobes(inputs.choice, options.tail, options.lobes)
         lobed = lobed_labels(fabric.labels, options.fitted, inputs.need, inputs.choice)
-        priors = Priors.read(inputs.prior, fabric.stack) if inputs.prior else None
+        priors = Priors.read(inputs.prior, fabric) if inputs.prior else None
         if priors and any(prior.lobes != lobes.count for prior in priors.regions):
             raise InputError(f"{inputs.prior}: is of another number of lobes than {lobes.count}; make it again")
         return cls(fabric, options.model, lobes, lobed, priors, options.threads)
@@ -161,17 +161,21 @@ FITS: dict[str, Callable[[_Job, Samples], Mapped]] = {
 
 def _share(boxes: list[Box], tile: str) -> list[Box]:
     """The run of tiles that job ``i/n`` (from 0) has to do."""
-    index, count = (int(part) for part in tile.split("/"))
+    words = tile.split("/")
+    index, count = (int(word) for word in words) if len(words) == 2 and "".join(words).isdecimal() else (0, 0)
+    if not index < count:
+        raise InputError(f"--tile {tile}: is no run of tiles; give INDEX/COUNT, such as 0/4 to 3/4")
     cuts = np.linspace(0, len(boxes), count + 1).round().astype(int)
     return boxes[cuts[index] : cuts[index + 1]]
 
 
-def _write(out: Path, parts: list[dict[str, NDArray[np.floating]]], boxes: list[Box]) -> None:
+def _write(out: Path, of: str, parts: list[dict[str, NDArray[np.floating]]], boxes: list[Box]) -> None:
     """Write the parameters of all tiles, one after the other, and the sums of what they cost."""
     names = list(parts[0]) if parts else ["cpu_seconds", "read_seconds"]
     costs = {name: np.sum([part[name] for part in parts]) for name in names if "." not in name}
     arrays = {name: np.concatenate([part[name] for part in parts]) for name in names if "." in name}
     costs |= {
+        "kind": np.array(of),
         "boxes": np.array(boxes, np.int64).reshape(-1, 4),
         "peak_mb": np.array(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
     }
