@@ -15,12 +15,12 @@ from multiprocessing.connection import Client, Connection, Listener
 from pathlib import Path
 from typing import Any
 
-from kinran.capture import Devices, capture
-from kinran.plans import Plan, read_plan
+from kinran.capture.capture import Devices, capture
+from kinran.data.capture_plan import Plan, read_plan
 from kinran.rig.camera import Camera, CameraError
 from kinran.rig.firmware import Firmware
 from kinran.rig.goniometer import Goniometer
-from kinran.rig.ledger import mdeg
+from kinran.rig.motion import mdeg
 from kinran.rig.simulation import PacedCamera, simulated_goniometer
 from kinran.rig.transport import SimulatedHid
 
@@ -30,7 +30,7 @@ DEVICE = {"device": "fake"}
 
 def small_plan() -> Plan:
     """Eight lights, eight monitors, three exposures."""
-    from kinran.grid import plan_grid  # it imports numpy, which the host need not
+    from kinran.capture.grid import plan_grid  # it imports numpy, which the host need not
 
     return plan_grid("silk", [0, 30], 8, EXPOSURES, meridians=8)
 

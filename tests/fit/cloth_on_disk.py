@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 
 from kinran.__main__ import main
-from kinran.fit.priors import Prior, Priors
-from kinran.labels import Region, write_labels, write_regions
-from kinran.radiance.value import Radiance
-from kinran.stack import Light, Metadata, write_metadata, write_shards
+from kinran.data.labels import Region, write_labels, write_regions
+from kinran.data.radiance import Radiance
+from kinran.data.radiance_stack import Light, Metadata, write_metadata, write_shards
+from kinran.fit.region_priors import Prior, Priors
 from kinran_bsdf.material import Material, read_material
 
 

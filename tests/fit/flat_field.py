@@ -6,7 +6,7 @@ import numpy as np
 from cloth_on_disk import Cloth, directions
 from synthetic_texels import grid
 
-from kinran import geometry
+from kinran.base import distances
 from kinran_bsdf.models import Slope
 
 SIDE, FIELD, DISTANCE = 9, 60.0, 600.0
@@ -15,13 +15,13 @@ WIDTH = 0.12
 
 def flat_field(light: np.ndarray, field: float = FIELD, distance: float = DISTANCE) -> np.ndarray:
     """What one flat material of a GGX lobe on a diffuse floor shows under a lamp (y, x, 3), the distances known."""
-    points = geometry.texel_points(SIDE, SIDE, field / SIDE)
-    towards = geometry.directions_to(distance * light, points)
-    half = towards + geometry.directions_to((0, 0, distance), points)
+    points = distances.texel_points(SIDE, SIDE, field / SIDE)
+    towards = distances.directions_to(distance * light, points)
+    half = towards + distances.directions_to((0, 0, distance), points)
     slopes = half[..., :2] / half[..., 2:]
     lobe = Slope("ggx").of_slopes(slopes[..., 0], slopes[..., 1], 0, 0, WIDTH**2, 0, WIDTH**2)
     colour = lobe[..., None] * [2, 1.5, 0.7] + towards[..., 2:] * [0.1, 0.02, 0.02]
-    return colour * geometry.falloff(distance * light, points)[..., None]
+    return colour * distances.falloff(distance * light, points)[..., None]
 
 
 def flat_cloths(folder: Path, labels: np.ndarray | None = None) -> dict[str, Cloth]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from kinran.bench.texels import grid, radiance, texels
+from benchmarks.texels import grid, radiance, texels
 from kinran.fit.samples import Samples
 
 __all__ = ["grid", "radiance", "sampled", "texels"]

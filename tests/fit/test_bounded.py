@@ -7,14 +7,14 @@ import numpy as np
 from cloth_on_disk import Cloth, directions
 from synthetic_texels import grid, radiance, sampled, texels
 
-from kinran.bench.texels import Split, microfacets, noisy
-from kinran.fabric import Fabric
-from kinran.fit import bounded, learned, slope
+from benchmarks.texels import Split, microfacets, noisy
+from kinran.data.fabric import Fabric
+from kinran.data.radiance import SATURATED, Radiance
+from kinran.data.radiance_stack import write_shards
+from kinran.data.texel_directions import Under
+from kinran.fit import bounded, learned_priors, slope
 from kinran.fit.samples import Samples, read_samples
-from kinran.fit.slope import Lobes
-from kinran.near import Under
-from kinran.radiance.value import SATURATED, Radiance
-from kinran.stack import write_shards
+from kinran.fit.slope_lobes import Lobes
 
 COUNT = 100
 PAIR = Lobes("gaussian", 2)
@@ -78,7 +78,7 @@ def test_texels_that_lost_their_peaks_are_of_one_lobe_of_their_region() -> None:
     T, saturated, truth, split = rolled(0.12)
     samples = cut(T, saturated, split.lights[~split.held])
     assert 0.15 < saturated.mean() < 0.25
-    priors = learned.learn_priors(samples, 1, PAIR)
+    priors = learned_priors.learn_priors(samples, 1, PAIR)
     two, one = slope.fit(samples, PAIR, priors), slope.fit(samples, Lobes())
     again = bounded.refit(two, samples, priors)
     assert error(two, split, truth) > 0.28
@@ -91,7 +91,7 @@ def test_a_prior_is_the_stiffer_the_more_of_the_energy_is_lost() -> None:
     variances = {}
     for level in (1.1, 0.12):
         T, saturated, _, split = rolled(level)
-        (prior,) = learned.learn_priors(cut(T, saturated, split.lights[~split.held]), 1, Lobes())
+        (prior,) = learned_priors.learn_priors(cut(T, saturated, split.lights[~split.held]), 1, Lobes())
         variances[level] = prior.variance
         assert prior.lone is None
     assert 0.3 < variances[0.12] / variances[1.1] < 3

@@ -9,7 +9,7 @@ from cloth_on_disk import Cloth, directions, pictures
 from PIL import Image
 from synthetic_texels import grid, radiance, sampled, texels
 
-from kinran.fit import choice, simplest
+from kinran.fit import choice, texel_map
 from kinran.fit.candidates import CANDIDATES
 from kinran_bsdf.material import read_material
 
@@ -118,7 +118,7 @@ def test_a_texels_byte_costs_its_part_of_the_fabrics_decibels() -> None:
     """What 0.3 dB of the fabric's error are, a texel's second lobe has to take away from the texel's."""
     worth = 0.3 / 10 * np.log(10)
     errors = [np.full(2, 9.0), np.full(2, 1.0), 1 - worth * np.array([0.9, 1.1])]
-    np.testing.assert_array_equal(simplest.simplest(errors, 1.0), [1, 2])
+    np.testing.assert_array_equal(texel_map.simplest(errors, 1.0), [1, 2])
 
 
 def test_error_under_lights_left_out(lights: np.ndarray) -> None:
@@ -133,7 +133,7 @@ def test_error_under_lights_left_out(lights: np.ndarray) -> None:
     truth = np.mean((fitted - other) ** 2)
 
     def left_out(numbers: int) -> np.ndarray:
-        return simplest.left_out(sampled(seen, few), fitted, lambda light: light, numbers)
+        return texel_map.left_out(sampled(seen, few), fitted, lambda light: light, numbers)
 
     assert np.mean(left_out(3)) == pytest.approx(truth, rel=0.02)
     assert plain < 0.9 * truth

@@ -5,11 +5,11 @@ import pytest
 from scipy.optimize import OptimizeResult, least_squares, nnls
 from synthetic_texels import radiance, sampled, texels
 
-from kinran import frames
+from kinran.base import frames
 from kinran.fit import samples, slope
-from kinran.fit.priors import Prior
+from kinran.fit.region_priors import Prior
 from kinran.fit.samples import Samples
-from kinran.fit.slope import Lobes
+from kinran.fit.slope_lobes import Lobes
 from kinran.fit.solver.lobes import TAILS, squared_widths
 from kinran.fit.solver.rows import lobe_rows
 from kinran.fit.solver.start import pair

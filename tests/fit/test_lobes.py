@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic_texels import grid, radiance, texels
 
-from kinran.fit.slope import Lobes, SlopeFit
+from kinran.data.texel_directions import Under
+from kinran.fit.slope import SlopeFit
+from kinran.fit.slope_lobes import Lobes
 from kinran.fit.solver.lobes import DIFFUSE_SIZE, LOBE_SIZE, TAILS, diffuse, lobe, squared_widths
-from kinran.near import Under
 from kinran_bsdf.models import Slope
 from kinran_bsdf.models.lambert import diffuse as reference_diffuse
 

@@ -8,12 +8,12 @@ import pytest
 from cloth_on_disk import Cloth, directions, pictures
 from synthetic_texels import sampled
 
-from kinran.bench.texels import Split, microfacets, noisy, relative, spread, texels
-from kinran.fit import learned, slope
-from kinran.fit.priors import Prior
-from kinran.fit.slope import Lobes
-from kinran.labels import read_labels, read_second, write_labels
-from kinran.near import Under
+from benchmarks.texels import Split, microfacets, noisy, relative, spread, texels
+from kinran.data.labels import read_labels, read_second, write_labels
+from kinran.data.texel_directions import Under
+from kinran.fit import learned_priors, slope
+from kinran.fit.region_priors import Prior
+from kinran.fit.slope_lobes import Lobes
 
 COUNT = 120
 KINDS = {"one GGX lobe": (Lobes("ggx", 1), 30), "two Gaussian lobes": (Lobes("gaussian", 2), 50)}
@@ -46,7 +46,7 @@ def test_a_shared_texel_takes_the_prior_that_explains_it(split: Split, cloth: tu
     seen = sampled(noisy(clean), split.lights)
     samples = replace(seen, region=region, second=second).only(use)
     pure = second == region
-    priors = learned.learn_priors(samples.of(pure), 2, lobes)
+    priors = learned_priors.learn_priors(samples.of(pure), 2, lobes)
     own, shared = (slope.fit(s, lobes, priors) for s in (samples.unshared(), samples))
     np.testing.assert_array_equal(own.shapes[pure], shared.shapes[pure])
     held = Under.far(split.lights[split.held])
@@ -74,7 +74,7 @@ def test_the_main_lobe_reflects_the_most() -> None:
         colours[:, 0] *= height
         fitted = slope.SlopeFit(Lobes("gaussian", 2), shapes, colours, np.ones(3))
         samples = sampled(np.zeros((3, 3, 40), np.float32), np.zeros((40, 3)))
-        assert learned.region_priors(fitted, samples, 1)[0].main == main
+        assert learned_priors.region_priors(fitted, samples, 1)[0].main == main
 
 
 def test_a_texel_is_mixed_where_the_second_has_over_a_fifth(tmp_path: Path) -> None:

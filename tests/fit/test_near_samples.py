@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from flat_field import SIDE, flat_cloths
 
-from kinran.fabric import Fabric
-from kinran.fit import choice, learned, residual, slope, strength, trust, uncertainty
+from kinran.data.fabric import Fabric
+from kinran.fit import choice, gauss_newton, learned_priors, residual, shrinkage, slope, trust
 from kinran.fit.candidates import display
-from kinran.fit.priors import Prior
+from kinran.fit.region_priors import Prior
 from kinran.fit.samples import Samples, read_some, spread_over_regions
-from kinran.fit.slope import Lobes
+from kinran.fit.slope_lobes import Lobes
 
 LABELS = np.repeat(np.arange(SIDE)[None] // 3, SIDE, 0)
 WAYS = ("far", "near")
@@ -36,7 +36,7 @@ def of(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Learned]:
     for name, cloth in flat_cloths(tmp_path_factory.mktemp("cloths"), LABELS).items():
         fabric = Fabric(cloth.folder)
         samples = read_some(fabric, spread_over_regions(fabric.labels, 3, 512))
-        result[name] = Learned(fabric, samples, learned.learn_priors(samples, 3, Lobes()))
+        result[name] = Learned(fabric, samples, learned_priors.learn_priors(samples, 3, Lobes()))
     return result
 
 
@@ -58,7 +58,7 @@ def test_trust(of: dict[str, Learned]) -> None:
 
 def test_strength(of: dict[str, Learned]) -> None:
     """What lights left out say of a prior: 400 times less is left of them."""
-    left = {name: strength._errors(of[name].priors, of[name].samples, Lobes(), 1).sum() for name in WAYS}
+    left = {name: shrinkage._errors(of[name].priors, of[name].samples, Lobes(), 1).sum() for name in WAYS}
     assert left["near"] < left["far"] / 400
 
 
@@ -82,6 +82,6 @@ def test_uncertainty(of: dict[str, Learned]) -> None:
     """A model that says it all is ten times as sure of its normals."""
     sd = {}
     for name in WAYS:
-        covariance = uncertainty.covariances(slope.fit(of[name].samples, Lobes()), of[name].samples)
+        covariance = gauss_newton.covariances(slope.fit(of[name].samples, Lobes()), of[name].samples)
         sd[name] = np.median(np.sqrt(covariance[:, 0, 0]))
     assert sd["near"] < 0.1 * sd["far"]

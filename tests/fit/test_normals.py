@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from synthetic_texels import sampled
 
-from kinran import frames
+from kinran.base import frames
 from kinran.fit import normals
 
 

@@ -8,7 +8,7 @@ import pytest
 from cloth_on_disk import Cloth, directions, no_prior, pictures
 from synthetic_texels import grid, radiance, texels
 
-from kinran.exr import read_exr
+from kinran.base.exr import read_exr
 from kinran.fit.sigma import parameters
 from kinran.fit.solver.lobes import squared_widths
 from kinran_bsdf.material import Material

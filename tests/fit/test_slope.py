@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from synthetic_texels import grid, radiance, sampled, texels
 
-from kinran.fit import learned, slope, takeda
-from kinran.fit.slope import Lobes
+from kinran.fit import learned_priors, slope, takeda
+from kinran.fit.slope_lobes import Lobes
 
 
 def relative(fitted: np.ndarray, truth: np.ndarray) -> np.ndarray:
@@ -62,7 +62,7 @@ def test_pole_where_the_paper_fails(lights: np.ndarray) -> None:
 
 
 def _eq3(steps: takeda.TakedaFit, lights: np.ndarray) -> np.ndarray:
-    from kinran import frames
+    from kinran.base import frames
     from kinran_bsdf.models import Takeda2008
 
     theta, phi = frames.angles(frames.half_vector(lights))
@@ -124,7 +124,7 @@ def test_few_lights_explode_without_a_prior_and_hold_with_it(lights: np.ndarray)
     T = np.ascontiguousarray(clean[..., use] * (1 + 0.02 * rng.normal(size=(200, 3, 24)))).astype(np.float32)
     samples = sampled(T, lights[use])
     free = slope.fit(samples, Lobes())
-    held = slope.fit(samples, Lobes(), learned.region_priors(free, samples, 1))
+    held = slope.fit(samples, Lobes(), learned_priors.region_priors(free, samples, 1))
     free_error, held_error = (relative(predict(r, lights), clean) for r in (free, held))
     assert (free_error > 1).sum() >= 1
     assert (held_error > 1).sum() == 0

@@ -3,7 +3,7 @@
 import numpy as np
 from synthetic_texels import grid, sampled
 
-from kinran import frames
+from kinran.base import frames
 from kinran.fit import takeda
 from kinran_bsdf.models import Takeda2008
 

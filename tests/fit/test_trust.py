@@ -8,14 +8,14 @@ import pytest
 from cloth_on_disk import Cloth, directions, pictures
 from synthetic_texels import grid, sampled, texels
 
-from kinran import frames
-from kinran.bench.texels import microfacets, noisy
-from kinran.fabric import Fabric
-from kinran.files import read_json
+from benchmarks.texels import microfacets, noisy
+from kinran.base import frames
+from kinran.base.files import read_json
+from kinran.data.fabric import Fabric
+from kinran.data.radiance_stack import Light
 from kinran.fit import trust
-from kinran.fit.priors import Prior, Priors
-from kinran.fit.slope import Lobes
-from kinran.stack import Light
+from kinran.fit.region_priors import Prior, Priors
+from kinran.fit.slope_lobes import Lobes
 from kinran_bsdf.relight import relight
 
 LIGHTS = grid(10, 12)

@@ -7,10 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic_texels import grid
 
-from kinran import geometry, near
-from kinran.fabric import Fabric
+from kinran.base import distances
+from kinran.data import texel_directions
+from kinran.data.fabric import Fabric
+from kinran.data.texel_directions import Under
 from kinran.fit.samples import Samples, read_samples, read_some
-from kinran.near import Under
 
 TEXELS, CELLS, LIGHTS = 40, 7, 5
 HEIGHT, WIDTH, TEXEL_MM, DISTANCE = 70, 150, 0.4, 600.0
@@ -64,12 +65,12 @@ def test_some_lights_of_every_texel() -> None:
 def test_parts_joined_are_the_whole() -> None:
     under = some_under()
     cuts = [slice(0, 13), slice(13, 14), slice(14, TEXELS)]
-    assert_same(near.join([under.of(at) for at in cuts]), *by_texel(under))
+    assert_same(texel_directions.join([under.of(at) for at in cuts]), *by_texel(under))
 
 
 def test_far_parts_joined_are_one_cell() -> None:
     lights = grid(40, 3)
-    joined = near.join([Under.far(lights, 3), Under.far(lights, 4)])
+    joined = texel_directions.join([Under.far(lights, 3), Under.far(lights, 4)])
     assert len(joined.lights) == 1
     np.testing.assert_array_equal(joined.cell, np.zeros(7))
 
@@ -113,16 +114,16 @@ def test_texels_of_several_tiles_have_their_own_directions(fabric: Fabric, chose
     """Half vectors are those at the middle of a cell of 1.2 mm, to 0.002; over the field they differ by 0.1."""
     some = read_some(fabric, chosen)
     lamps = [light.position_mm for light in fabric.stack.lights if light.position_mm and not light.held_out]
-    points = _in_order_of_tiles(fabric, geometry.texel_points(HEIGHT, WIDTH, TEXEL_MM))[
+    points = _in_order_of_tiles(fabric, distances.texel_points(HEIGHT, WIDTH, TEXEL_MM))[
         _in_order_of_tiles(fabric, chosen)
     ]
-    towards = np.stack([geometry.directions_to(lamp, points) for lamp in lamps], 1)
-    half = towards + geometry.directions_to((0, 0, DISTANCE), points)[:, None]
+    towards = np.stack([distances.directions_to(lamp, points) for lamp in lamps], 1)
+    half = towards + distances.directions_to((0, 0, DISTANCE), points)[:, None]
     slopes = half[..., :2] / half[..., 2:]
     assert np.ptp(slopes, 0).max() > 0.09
     np.testing.assert_allclose(some.under.slopes[some.under.cell], slopes, atol=2e-3)
     np.testing.assert_allclose(some.under.lights[some.under.cell], towards, atol=2e-3)
-    expected = np.stack([geometry.falloff(lamp, points) for lamp in lamps], 1)
+    expected = np.stack([distances.falloff(lamp, points) for lamp in lamps], 1)
     np.testing.assert_allclose(some.under.falloff, expected, rtol=1e-6)
 
 

@@ -1,6 +1,6 @@
 """Variants of the plugin's tests, and the fabrics that they use.
 
-A backend is tried in a process of its own, since a wrong libLLVM aborts it (`kinran.probes`).
+A backend is tried in a process of its own, since a wrong libLLVM aborts it (`kinran.base.probes`).
 A variant that cannot be used here is skipped, unless KINRAN_REQUIRE_VARIANTS names its backend (llvm, cuda).
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from plugin_fabrics import random_material
 
-from kinran.probes import variant_fault
+from kinran.base.probes import variant_fault
 from kinran_bsdf import Material
 
 REQUIRED = set(filter(None, os.environ.get("KINRAN_REQUIRE_VARIANTS", "").split(",")))

@@ -3,9 +3,9 @@
 import pytest
 from known_scene import EXPOSURES, Capture, shoot
 
-from kinran.geometry import Distances
-from kinran.grid import plan_grid
-from kinran.plans import write_plan
+from kinran.base.distances import Distances
+from kinran.capture.grid import plan_grid
+from kinran.data.capture_plan import write_plan
 
 
 @pytest.fixture(scope="session")

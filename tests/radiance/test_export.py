@@ -6,11 +6,11 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from kinran.exr import read_exr_with_header, write_exr
-from kinran.files import InputError
+from kinran.base.exr import read_exr_with_header, write_exr
+from kinran.base.files import InputError
+from kinran.data.radiance import Radiance
+from kinran.data.radiance_stack import Light, Metadata, Stack, write_metadata, write_shards
 from kinran.radiance import export
-from kinran.radiance.value import Radiance
-from kinran.stack import Light, Metadata, Stack, write_metadata, write_shards
 
 MATRIX = np.array([[0.9, 0.1, 0.0], [-0.2, 1.3, -0.1], [0.0, 0.1, 0.9]])
 

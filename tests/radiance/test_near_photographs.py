@@ -7,12 +7,12 @@ import pytest
 import tifffile
 from stages import make_stack
 
-from kinran import ingest, ingest_group
-from kinran.files import InputError
-from kinran.geometry import directions_to, falloff, texel_points
-from kinran.lights import LpLight, read_lp, write_lp
-from kinran.photograph_set import Known
-from kinran.stack import Stack
+from kinran.base.distances import directions_to, falloff, texel_points
+from kinran.base.files import InputError
+from kinran.capture import ingest, ingest_group
+from kinran.capture.photograph_set import Known
+from kinran.data.lights import LpLight, read_lp, write_lp
+from kinran.data.radiance_stack import Stack
 
 WIDTH, HEIGHT, FIELD = 60, 40, 120.0
 ALBEDO = 0.3

@@ -7,14 +7,15 @@ import pytest
 from PIL import Image
 from stages import make_stack
 
-from kinran import ingest, ingest_group
-from kinran.files import InputError, write_json
-from kinran.lights import LpLight, write_lp
-from kinran.photograph_set import Known, inspect
-from kinran.plans import read_plan, write_plan
-from kinran.radiance import colour_chart, merge_group
-from kinran.radiance.value import SATURATED
-from kinran.stack import Stack
+from kinran.base.files import InputError, write_json
+from kinran.calibrate import colour_chart
+from kinran.capture import ingest, ingest_group
+from kinran.capture.photograph_set import Known, inspect
+from kinran.data.capture_plan import read_plan, write_plan
+from kinran.data.lights import LpLight, write_lp
+from kinran.data.radiance import SATURATED
+from kinran.data.radiance_stack import Stack
+from kinran.radiance import merge_group
 
 COUNT = 20
 

@@ -10,18 +10,20 @@ import pytest
 from known_scene import SCENE, Capture, radiance
 
 from kinran.__main__ import main
-from kinran.files import InputError
-from kinran.grid import plan_grid
-from kinran.holdout import held_out
-from kinran.radiance import assemble, calibrate, colour_chart, merge_group
-from kinran.radiance.calibration import Calibration, read_calibration
-from kinran.radiance.noise import sigma
-from kinran.radiance.raw import read_raw
-from kinran.radiance.shots import read_bracket, read_manifest
-from kinran.radiance.superpixels import merge_bracket
-from kinran.radiance.value import DARK, HOT, SATURATED, SHIFTED, Radiance
-from kinran.shards import shard_path
-from kinran.stack import Stack
+from kinran.base.files import InputError
+from kinran.bracket.noise import sigma
+from kinran.bracket.shots import read_bracket, read_manifest
+from kinran.bracket.superpixels import merge_bracket
+from kinran.calibrate import calibrate, colour_chart
+from kinran.capture.grid import plan_grid
+from kinran.data.calibration import Calibration, read_calibration
+from kinran.data.hold_out_rule import held_out
+from kinran.data.radiance import DARK, HOT, SATURATED, SHIFTED, Radiance
+from kinran.data.radiance_stack import Stack
+from kinran.data.raw import read_raw
+from kinran.data.shards import shard_path
+from kinran.radiance import merge_group
+from kinran.radiance import stack as stack_stage
 from kinran.virtual.sensor import CROSSTALK, Sensor, _defects, shutter
 
 TEXELS = int(SCENE["texels"])
@@ -54,13 +56,13 @@ def run_merge(capture: Capture, group: str, out: str = "radiance.zarr", manifest
 
 
 def run_stack(capture: Capture, holdout: int) -> None:
-    inputs = assemble.Inputs(
+    inputs = stack_stage.Inputs(
         capture.plan_path,
         capture.folder / "calibration.json",
         tuple(capture.manifests),
         (capture.folder / "00.json", capture.folder / "01.json"),
     )
-    assemble.main(inputs, capture.folder / "radiance.zarr", assemble.Options(holdout))
+    stack_stage.main(inputs, capture.folder / "radiance.zarr", stack_stage.Options(holdout))
 
 
 def truth(capture: Capture) -> np.ndarray:
@@ -202,7 +204,7 @@ def test_a_lamp_that_jumps_within_a_bracket_bends_nothing(capture: Capture, cali
     assert np.ptp(moved) < 2e-3
     np.testing.assert_allclose(moved, 0.004, atol=2e-3)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("kinran.radiance.superpixels.FLICKER", 1e-9)
+        patch.setattr("kinran.bracket.superpixels.FLICKER", 1e-9)
         assert np.ptp(steps()) > 8e-3
 
 
@@ -250,7 +252,7 @@ def test_repeats_of_a_light_are_averaged_one_by_one() -> None:
     """A saturated sample counts only where all are; dark where all are, shifted where one is. No picture is kept."""
     values = np.array([[1.0, 5.0, 9.0], [3.0, 2.0, 7.0], [2.0, 2.0, 8.0]], np.float32)
     flags = np.array([[DARK, SATURATED, SATURATED], [DARK, SHIFTED, SATURATED], [DARK, 0, SATURATED]], np.uint8)
-    repeats = assemble.Repeats((1, 1, 3))
+    repeats = stack_stage.Repeats((1, 1, 3))
     for value, bits in zip(values, flags, strict=True):
         repeats.add(Radiance(value.reshape(1, 1, 3), bits.reshape(1, 1, 3)))
         value[:] = np.nan
@@ -304,7 +306,7 @@ def test_a_swapped_exposure_is_seen_in_exif(broken: Capture) -> None:
 
 def test_a_swapped_exposure_is_seen_in_the_picture(broken: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where EXIF is silent: 1/250 and 1/4000 differ sixteen times."""
-    monkeypatch.setattr("kinran.radiance.shots.read_raw", lambda path: replace(read_raw(path), seconds=0.0))
+    monkeypatch.setattr("kinran.bracket.shots.read_raw", lambda path: replace(read_raw(path), seconds=0.0))
     edit(broken.manifest("00"), "t40_p000", swap_files)
     with pytest.raises(InputError, match="times as bright"):
         run_merge(broken, "00")

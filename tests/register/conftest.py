@@ -9,7 +9,8 @@ import pytest
 import yaml
 from register_session import Session
 
-from kinran.register import main, target
+from kinran.register import target
+from kinran.register.register import main
 
 ANGLES = ((0, 0), (25, 20), (45, 140), (60, 20), (60, 140), (60, 260))
 

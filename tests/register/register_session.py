@@ -7,7 +7,8 @@ import numpy as np
 import plate
 from numpy.typing import NDArray
 
-from kinran.register import Inputs, target
+from kinran.register import target
+from kinran.register.register import Inputs
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import pycolmap
 import pytest
 from register_session import Session
 
-from kinran.files import InputError
+from kinran.base.files import InputError
 from kinran.register import cameras, target
 
 

@@ -12,9 +12,9 @@ import pytest
 import yaml
 from register_session import Session
 
-from kinran.exr import read_exr
-from kinran.files import InputError
-from kinran.register import Options, find_views, main
+from kinran.base.exr import read_exr
+from kinran.base.files import InputError
+from kinran.register.register import Options, find_views, main
 
 ROOT = Path(__file__).parents[2]
 

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from kinran.exr import write_exr
-from kinran.fabric import Fabric
-from kinran.frames import direction
-from kinran.labels import Region, write_regions
-from kinran.stack import Light, Metadata, write_metadata
+from kinran.base.exr import write_exr
+from kinran.base.frames import direction
+from kinran.data.fabric import Fabric
+from kinran.data.labels import Region, write_regions
+from kinran.data.radiance_stack import Light, Metadata, write_metadata
 
 ORTHOGRAPHIC = """<sensor type="orthographic">
         <transform name="to_world">

@@ -8,9 +8,9 @@ import pytest
 from needy_fabrics import METER, ORTHOGRAPHIC, POINT, perspective, write_fabric, write_scene
 from scene_fabrics import TEMPLATE
 
-from kinran.files import InputError
-from kinran.need import axes, need, spread
-from kinran.needed import needed_labels
+from kinran.base.files import InputError
+from kinran.data.needed_regions import needed_labels
+from kinran.scene.need import axes, need, spread
 
 HALVES = np.zeros((40, 60), np.intp)
 HALVES[:, 45:] = 1  # a quarter of the weft, all along the warp

@@ -7,10 +7,10 @@ import pytest
 from PIL import Image
 from scene_fabrics import TEMPLATE, F
 
-from kinran import render
-from kinran.exr import read_exr
-from kinran.files import InputError, read_json
-from kinran.scene import assemble
+from kinran.base.exr import read_exr
+from kinran.base.files import InputError, read_json
+from kinran.scene import render
+from kinran.scene.scene import assemble
 
 LIT_WALL = """<scene version="3.9.1">
     <integrator type="path"/>

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from clusters_in_colour import agreement, expectation_maximisation
 
-from kinran.files import InputError
-from kinran.frames import direction
-from kinran.radiance.value import Radiance
-from kinran.segment import Seed, colour_name, describe, mahalanobis, parse_seeds, segment
+from kinran.base.files import InputError
+from kinran.base.frames import direction
+from kinran.data.radiance import Radiance
+from kinran.data.radiance_stack import Light, Metadata, Stack, write_metadata, write_shards
+from kinran.segment import mahalanobis
 from kinran.segment.appearance import Appearance, over_lights
-from kinran.stack import Light, Metadata, Stack, write_metadata, write_shards
+from kinran.segment.segment import Seed, colour_name, describe, parse_seeds, segment
 from kinran.virtual.weave import VirtualFabric
 
 COLOURS = {"gold": (0.5, 0.4, 0.15), "red": (0.4, 0.03, 0.03), "blue": (0.04, 0.05, 0.3)}

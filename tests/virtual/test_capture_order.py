@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from kinran.__main__ import main
-from kinran.geometry import Distances
-from kinran.grid import plan_grid
-from kinran.plans import Plan, write_plan
-from kinran.rig.ledger import mdeg
-from kinran.virtual.camera import CACHE
+from kinran.base.distances import Distances
+from kinran.capture.grid import plan_grid
+from kinran.data.capture_plan import Plan, write_plan
+from kinran.rig.motion import mdeg
+from kinran.virtual.simulated_camera import CACHE
 from kinran.virtual.weave import VirtualFabric
 
 SCENE = {"texels": 16, "seed": 5}
@@ -61,7 +61,7 @@ def test_another_code_of_the_rig_is_shot_anew(plan: Plan, monkeypatch: pytest.Mo
     group = next(group for group in plan.groups if group.lights)
     before = capture(plan, "code", group.name)
     assert capture(plan, "code", group.name) == before
-    monkeypatch.setattr("kinran.capture.digest", lambda module: "other")
+    monkeypatch.setattr("kinran.capture.capture.digest", lambda module: "other")
     after = capture(plan, "code", group.name)
     assert not set(before.values()) & set(after.values())
     assert capture(plan, "code", group.name) == after

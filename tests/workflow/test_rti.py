@@ -11,11 +11,11 @@ import pytest
 from conftest import ROOT, small_template
 from PIL import Image
 
-from kinran import frames
-from kinran.encoding import parse
-from kinran.exr import read_exr
-from kinran.lights import LpLight, write_lp
-from kinran.rti import Inputs, Options, prepare
+from kinran.base import frames
+from kinran.base.encoding import parse
+from kinran.base.exr import read_exr
+from kinran.data.lights import LpLight, write_lp
+from kinran.run.rti import Inputs, Options, prepare
 
 SIDE, LIGHTS = 28, 24
 

@@ -6,56 +6,59 @@ import logging
 import sys
 from types import ModuleType
 
-from kinran import command as words
-from kinran.files import InputError
-from kinran.log import to_stderr
+from kinran.base import command_line as words
+from kinran.base.files import InputError
+from kinran.base.log import to_stderr
 
 log = logging.getLogger("kinran")
 
 COMMANDS = {
-    "demo": ("kinran.demo", "run the whole pipeline on the virtual rig"),
-    "rti": ("kinran.rti", "run the pipeline on photographs with a .lp file"),
-    "highlights": ("kinran.highlights", "find the lamps from mirror spheres in photographs, and write their .lp"),
-    "merge": ("kinran.radiance.merge", "merge one bracket of frames to linear radiance with its noise"),
+    "demo": ("kinran.run.demo", "run the whole pipeline on the virtual rig"),
+    "rti": ("kinran.run.rti", "run the pipeline on photographs with a .lp file"),
+    "highlights": (
+        "kinran.capture.highlights",
+        "find the lamps from mirror spheres in photographs, and write their .lp",
+    ),
+    "merge": ("kinran.bracket.merge", "merge one bracket of frames to linear radiance with its noise"),
     "export": ("kinran.radiance.export", "write an EXR for each light of a stack"),
-    "relight": ("kinran.relight", "relight a material, and compare with photographs"),
-    "render": ("kinran.render", "render a Mitsuba scene with Kinran materials"),
+    "relight": ("kinran.judge.relight", "relight a material, and compare with photographs"),
+    "render": ("kinran.scene.render", "render a Mitsuba scene with Kinran materials"),
     "native": ("kinran_bsdf.native", "compile the plugin for Mitsuba's own command"),
-    "rig": ("kinran.rig.cli", "talk to the goniometer"),
-    "bench": ("kinran.bench", "measure speed and accuracy"),
-    "test": ("kinran.selftest", "run the tests"),
-    "doctor": ("kinran.doctor", "check this machine and say what to do"),
+    "rig": ("kinran.rig.rig", "talk to the goniometer"),
+    "bench": ("kinran.run.bench", "measure speed and accuracy"),
+    "test": ("kinran.run.test", "run the tests"),
+    "doctor": ("kinran.run.doctor", "check this machine and say what to do"),
 }
 """Commands of users: the module of each, and what it does."""
 
 STAGES = {
-    "plan": ("kinran.plan", "plan the shots of a capture"),
-    "capture": ("kinran.capture", "shoot a group of the plan"),
-    "ingest": ("kinran.ingest", "take photographs as a capture: write its plan"),
-    "ingest-group": ("kinran.ingest_group", "take a group of photographs as a capture: write its manifest"),
-    "calibrate": ("kinran.radiance.calibrate", "calibrate camera, lamp and colour"),
+    "plan": ("kinran.capture.plan", "plan the shots of a capture"),
+    "capture": ("kinran.capture.capture", "shoot a group of the plan"),
+    "ingest": ("kinran.capture.ingest", "take photographs as a capture: write its plan"),
+    "ingest-group": ("kinran.capture.ingest_group", "take a group of photographs as a capture: write its manifest"),
+    "calibrate": ("kinran.calibrate.calibrate", "calibrate camera, lamp and colour"),
     "merge-group": ("kinran.radiance.merge_group", "merge the brackets of a group to radiance"),
-    "stack": ("kinran.radiance.assemble", "complete the radiance stack"),
-    "register": ("kinran.register", "register side views to the front view"),
-    "segment": ("kinran.segment", "segment a fabric into regions"),
-    "scan": ("kinran.scan", "generate the scan of a draped cloth"),
-    "mesh": ("kinran.mesh", "clean and unwrap a scan"),
-    "need": ("kinran.need", "say what a scene needs of a fabric"),
-    "coarsen": ("kinran.coarsen", "average the texels that a scene cannot tell apart"),
+    "stack": ("kinran.radiance.stack", "complete the radiance stack"),
+    "register": ("kinran.register.register", "register side views to the front view"),
+    "segment": ("kinran.segment.segment", "segment a fabric into regions"),
+    "scan": ("kinran.virtual.scan", "generate the scan of a draped cloth"),
+    "mesh": ("kinran.scene.mesh", "clean and unwrap a scan"),
+    "need": ("kinran.scene.need", "say what a scene needs of a fabric"),
+    "coarsen": ("kinran.radiance.coarsen", "average the texels that a scene cannot tell apart"),
     "choice": ("kinran.fit.choice", "choose the simplest lobes that explain a fabric"),
     "prior": ("kinran.fit.prior", "find the regions' priors for the fit"),
-    "fit": ("kinran.fit.tile", "fit a model to a run of tiles"),
-    "material": ("kinran.fit.join", "join fitted runs to a material"),
+    "fit": ("kinran.fit.fit", "fit a model to a run of tiles"),
+    "material": ("kinran.fit.material", "join fitted runs to a material"),
     "residual": ("kinran.fit.residual", "add a residual where it pays"),
     "sigma": ("kinran.fit.sigma", "map how well the lights fix a material"),
     "normals": ("kinran.fit.normals", "find surface normals from a stack"),
-    "evaluate": ("kinran.evaluate", "judge materials on held-out lights"),
-    "scene": ("kinran.scene", "assemble a Mitsuba scene"),
-    "chart": ("kinran.chart.stage", "chart accuracy against speed"),
-    "chart-table": ("kinran.chart.table", "join the tables of a fabric's methods, and draw them"),
-    "chart-regions": ("kinran.chart.regions", "count right labels where the truth is known"),
-    "charts": ("kinran.chart.page", "write the page of all charts"),
-    "report": ("kinran.report", "write the report of a fabric"),
+    "evaluate": ("kinran.judge.evaluate", "judge materials on held-out lights"),
+    "scene": ("kinran.scene.scene", "assemble a Mitsuba scene"),
+    "chart": ("kinran.compare.chart", "chart accuracy against speed"),
+    "chart-table": ("kinran.compare.chart_table", "join the tables of a fabric's methods, and draw them"),
+    "chart-regions": ("kinran.compare.chart_regions", "count right labels where the truth is known"),
+    "chart-page": ("kinran.compare.chart_page", "write the page of all charts"),
+    "report": ("kinran.report.report", "write the report of a fabric"),
     "overview": ("kinran.report.overview", "write the overview of all fabrics"),
 }
 """Stages of the pipeline, in the order of the data."""

@@ -18,7 +18,7 @@ rule plan:
             if "camera_mm" in config["rig"]
             else ""
         ),
-        code=digest("kinran.plan"),
+        code=digest("kinran.capture.plan"),
     shell:
         "python -m kinran plan --fabric {wildcards.fabric} --thetas {params.thetas} --phis {params.phis}"
         " --exposures {params.exposures} --meridians {params.meridians} --lamp-mm {params.lamp}"

@@ -28,8 +28,8 @@ rule chart_kind:
     params:
         fabric=fitted_fabric,
         code=lambda wildcards: [
-            digest(f"kinran.chart.methods.{wildcards.kind}"),
-            digest("kinran.chart.experiments"),
+            digest(f"kinran.compare.methods.{wildcards.kind}"),
+            digest("kinran.compare.experiments"),
         ],
     shell:
         "export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1;"
@@ -55,7 +55,7 @@ rule chart_default:
         mem_mb=3000,
     params:
         fabric=fitted_fabric,
-        code=digest("kinran.chart.default"),
+        code=digest("kinran.compare.default"),
     shell:
         "export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1;"
         " python -m kinran chart {output:q} --fabric {params.fabric:q} --name {wildcards.fabric}"
@@ -73,7 +73,7 @@ rule chart_regions:
     params:
         fabric=lambda wildcards: f"results/{wildcards.fabric}",
         scene=virtual_rig,
-        code=digest("kinran.chart.regions"),
+        code=digest("kinran.compare.chart_regions"),
     shell:
         "python -m kinran chart-regions {output:q} --fabric {params.fabric:q} --name {wildcards.fabric}"
         " --scene {params.scene:q} 2>&1 | tee {log}"
@@ -89,7 +89,7 @@ rule chart_fabric:
     log:
         "logs/{fabric}/chart.log",
     params:
-        code=digest("kinran.chart.table"),
+        code=digest("kinran.compare.chart_table"),
     shell:
         "python -m kinran chart-table {output.table:q} --tables {input:q}"
         " --pictures {output.svg:q} {output.png:q} 2>&1 | tee {log}"
@@ -101,7 +101,7 @@ rule stability:
     log:
         "logs/stability.log",
     params:
-        code=digest("kinran.bench.stability"),
+        code=digest("benchmarks.stability"),
     shell:
         "python -m kinran bench stability --out {output:q} 2>&1 | tee {log}"
 
@@ -115,6 +115,6 @@ rule charts:
     log:
         "logs/charts.log",
     params:
-        code=[digest("kinran.chart.page"), *templates("chart")],
+        code=digest("kinran.compare.chart_page"),
     shell:
-        "python -m kinran charts {output:q} --charts {input.charts:q} --stability {input.stability:q} 2>&1 | tee {log}"
+        "python -m kinran chart-page {output:q} --charts {input.charts:q} --stability {input.stability:q} 2>&1 | tee {log}"

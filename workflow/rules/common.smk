@@ -2,9 +2,9 @@ import json
 import sys
 from pathlib import Path
 
-from kinran.code import PACKAGES, digest
-from kinran.config import lobes_of, read_fabrics, read_revisions
-from kinran.files import InputError, sha256
+from kinran.base.digest import PACKAGES, digest
+from kinran.run.config import lobes_of, read_fabrics, read_revisions
+from kinran.base.files import InputError
 from snakemake.exceptions import WorkflowError
 
 # jobs use the interpreter that runs Snakemake, with or without an activated environment
@@ -28,7 +28,7 @@ fitted = (
     else "results/{fabric}"
 )
 # a job of the chart for each kind of method: a new file is a new job, and no other runs again
-kinds = sorted(p.stem for p in PACKAGES["kinran"].glob("chart/methods/[a-z]*.py"))
+kinds = sorted(p.stem for p in PACKAGES["kinran"].glob("compare/methods/[a-z]*.py"))
 
 
 wildcard_constraints:
@@ -41,15 +41,6 @@ wildcard_constraints:
 def any_of(names):
     """Pattern of these names, and of nothing where there are none."""
     return "|".join(names) or "(?!)"
-
-
-def templates(room):
-    """Digests of the templates of a room's pages, and of the page that they all extend."""
-    package = PACKAGES["kinran"]
-    return [
-        sha256(path)
-        for path in sorted([package / "page.html", *package.glob(f"{room}/*.html")])
-    ]
 
 
 def manifests(wildcards):

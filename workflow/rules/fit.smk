@@ -12,7 +12,7 @@ rule segment:
     params:
         folder=subpath(output.labels, parent=True),
         regions=lambda wildcards: fabrics[wildcards.fabric].region_option,
-        code=digest("kinran.segment"),
+        code=digest("kinran.segment.segment"),
     shell:
         "python -m kinran segment --fabric {params.folder:q} {params.regions} 2>&1 | tee {log}"
 
@@ -34,7 +34,7 @@ rule coarsen:
     params:
         folder=subpath(input.labels, parent=True),
         coarse=subpath(output.labels, parent=True),
-        code=digest("kinran.coarsen"),
+        code=digest("kinran.radiance.coarsen"),
     shell:
         "python -m kinran coarsen {params.coarse:q} --fabric {params.folder:q} --need {input.need:q} 2>&1 | tee {log}"
 
@@ -110,7 +110,7 @@ rule fit:
         fitted=fitted_option,
         lobes=lobes_option,
         jobs=config["fit"]["jobs"],
-        code=digest("kinran.fit.tile"),
+        code=digest("kinran.fit.fit"),
     shell:
         "python -m kinran fit {output:q} --fabric {params.fabric:q} --model {wildcards.model}"
         " {params.prior} {params.fitted} {params.lobes} --tile {wildcards.job}/{params.jobs} --threads {threads}"
@@ -134,7 +134,7 @@ rule material:
         fabric=fitted_fabric,
         fitted=fitted_option,
         lobes=lobes_option,
-        code=digest("kinran.fit.join"),
+        code=digest("kinran.fit.material"),
     shell:
         "python -m kinran material {output.material:q} --fabric {params.fabric:q}"
         " --model {wildcards.model} {params.lobes} {params.fitted} --runs {input.runs:q}"
@@ -232,7 +232,7 @@ rule evaluate:
         "results/{fabric}/benchmarks/evaluate.tsv"
     params:
         fabric=fitted_fabric,
-        code=digest("kinran.evaluate"),
+        code=digest("kinran.judge.evaluate"),
     shell:
         "python -m kinran evaluate {output.errors:q} --name {wildcards.fabric} --fabric {params.fabric:q}"
         " --materials {input.materials:q}"

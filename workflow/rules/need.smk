@@ -13,7 +13,7 @@ rule need:
         "results/{fabric}/benchmarks/need.tsv"
     params:
         folder=subpath(input.labels, parent=True),
-        code=digest("kinran.need"),
+        code=digest("kinran.scene.need"),
     shell:
         "python -m kinran need {output:q} --template {input.template:q} --mesh {input.mesh:q}"
         " --fabric {params.folder:q} 2>&1 | tee {log}"

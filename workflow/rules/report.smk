@@ -30,7 +30,7 @@ rule report:
         choice=lambda wildcards, input: (
             f"--choice {input.choice}" if input.choice else ""
         ),
-        code=[digest("kinran.report"), *templates("report")],
+        code=digest("kinran.report.report"),
     shell:
         "python -m kinran report --fabric {params.results:q}"
         " --captures {params.captures:q} {params.choice} {output:q} 2>&1 | tee {log}"
@@ -45,6 +45,6 @@ rule overview:
     log:
         "logs/overview.log",
     params:
-        code=[digest("kinran.report.overview"), *templates("report")],
+        code=digest("kinran.report.overview"),
     shell:
         "python -m kinran overview {output:q} --errors {input.errors:q} 2>&1 | tee {log}"

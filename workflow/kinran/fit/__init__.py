@@ -1,1 +1,1 @@
-"""Fits of a material to a fabric's samples, and what they rest on: priors, choices, a residual, uncertainty."""
+"""The fit: from samples of a stack to a material."""

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran.fit import slope
-from kinran.fit.priors import Prior
+from kinran.fit.region_priors import Prior
 from kinran.fit.samples import Samples
-from kinran.fit.slope import Lobes, SlopeFit
+from kinran.fit.slope import SlopeFit
+from kinran.fit.slope_lobes import Lobes
 from kinran.fit.solver.start import HEIGHTS, pair
 
 ROUNDS = 3

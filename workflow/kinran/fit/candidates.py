@@ -6,13 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran import encoding, metrics
-from kinran.fit import lambert, learned, slope
-from kinran.fit.priors import Prior
+from kinran.base import encoding
+from kinran.data import metrics
+from kinran.data.radiance_stack import Stack
+from kinran.data.texel_directions import Under
+from kinran.fit import lambert, learned_priors, slope
+from kinran.fit.region_priors import Prior
 from kinran.fit.samples import Samples
-from kinran.fit.slope import Lobes
-from kinran.near import Under
-from kinran.stack import Stack
+from kinran.fit.slope_lobes import Lobes
 
 Single = NDArray[np.float32]
 Display = Callable[[Single], Single]
@@ -39,7 +40,7 @@ class Candidate:
         """Priors of the regions of a sample; None without lobes."""
         if self.lobes is None:
             return None
-        return learned.learn_priors(samples, int(samples.region.max()) + 1, self.lobes, threads)
+        return learned_priors.learn_priors(samples, int(samples.region.max()) + 1, self.lobes, threads)
 
     def predicted(self, samples: Samples, priors: list[Prior] | None, under: Under, threads: int) -> Single:
         """T (texel, 3, light) under some lights, of a fit to the samples under priors."""

@@ -12,10 +12,10 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran import pictures
-from kinran.fabric import Fabric
-from kinran.files import write_json
-from kinran.fit import simplest
+from kinran.base import pictures
+from kinran.base.files import write_json
+from kinran.data.fabric import Fabric
+from kinran.fit import texel_map
 from kinran.fit.candidates import CANDIDATES, DB_A_BYTE, Candidate, Display, display
 from kinran.fit.samples import Samples, read_some, spread_over_regions
 
@@ -66,7 +66,7 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
     chosen, kinds = choose(judged, share)
     assert chosen.lobes
     bytes_needed = float(share @ [kind.size for kind in kinds])
-    needs = simplest.texel_map(fabric, sample, shown, judged[chosen.name].error(share), options.threads)
+    needs = texel_map.texel_map(fabric, sample, shown, judged[chosen.name].error(share), options.threads)
     sizes = np.array([candidate.size for candidate in CANDIDATES])
     write_json(
         out.choice,
@@ -87,7 +87,7 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
             },
         },
     )
-    pictures.write_png(out.picture, simplest.picture(needs))
+    pictures.write_png(out.picture, texel_map.picture(needs))
     log.info("choice: %s", ", ".join(f"{n}: {kind.name}" for n, kind in zip(names, kinds, strict=True)))
 
 

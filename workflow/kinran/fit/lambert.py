@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.fit.channels import Channels, named
+from kinran.data.texel_directions import Under
+from kinran.fit.fitted_model import Channels, named
 from kinran.fit.samples import Samples
-from kinran.near import Under
 
 
 @dataclass(frozen=True)

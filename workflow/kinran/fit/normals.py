@@ -7,8 +7,8 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.exr import write_exr
-from kinran.fabric import Fabric
+from kinran.base.exr import write_exr
+from kinran.data.fabric import Fabric
 from kinran.fit.samples import Samples, read_samples
 
 Array = NDArray[np.float64]

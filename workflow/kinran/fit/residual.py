@@ -11,17 +11,18 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran import metrics, prediction
-from kinran.fabric import Fabric
-from kinran.files import read_json, write_json
+from kinran.base.files import read_json, write_json
+from kinran.base.log import progress
+from kinran.data import material_prediction, metrics
+from kinran.data.fabric import Fabric
+from kinran.data.radiance_stack import Box
 from kinran.fit import slope
-from kinran.fit.folds import deal, surrounded
-from kinran.fit.plates import plates
-from kinran.fit.priors import Prior, Priors
+from kinran.fit.components import by_light, leading, principal, remainder
+from kinran.fit.cross_validation import deal, surrounded
+from kinran.fit.light_splines import plates
+from kinran.fit.region_priors import Prior, Priors
 from kinran.fit.samples import Samples, read_samples, read_some, training_lights
-from kinran.fit.slope import Lobes
-from kinran.log import progress
-from kinran.stack import Box
+from kinran.fit.slope_lobes import Lobes
 from kinran_bsdf.material import Material, read_material, write_material
 from kinran_bsdf.residual import Residual, compress, kernel_matrix
 
@@ -145,11 +146,6 @@ def _spread(shape: tuple[int, ...]) -> NDArray[np.bool_]:
     return chosen.reshape(shape)
 
 
-def by_light(T: Values, domain: str) -> Values:
-    """Display-like values (light, texel · 3) of radiance (texel, 3, light)."""
-    return np.asarray(compress(T, domain).transpose(2, 0, 1).reshape(T.shape[2], -1))
-
-
 def cross_validate(samples: Samples, lobes: Lobes, priors: list[Prior], domain: str, threads: int = 1) -> Choice:
     """Share, components and smoothing by lights left out: see `pick`.
 
@@ -229,24 +225,6 @@ def _candidates(
                     yield (share, count, smoothing), known + factors[:, :count] @ components[:count]
 
 
-def remainder(shown: Values, lobes: Values, domain: str, share: float) -> Values:
-    """What the lobes leave; nothing where a photograph is saturated and the lobes are over it."""
-    left = shown - np.float32(share) * lobes
-    photograph = not domain.startswith("log:")
-    return np.where((shown >= 1) & (left < 0), 0, left) if share == 1 and photograph else left
-
-
-def principal(left: Values, count: int) -> Array:
-    """Orthonormal factors (light, ≤ count) of the first principal components over lights."""
-    return leading((left @ left.T).astype(float), count)
-
-
-def leading(gram: Array, count: int) -> Array:
-    """Eigenvectors (light, ≤ count) of a Gram matrix, those of the largest eigenvalues first."""
-    values, vectors = np.linalg.eigh(gram)
-    return np.asarray(vectors[:, np.argsort(values)[::-1][:count]])
-
-
 def _psnr(predicted: Values, truth: Values, usable: Values) -> float:
     return metrics.psnr(np.clip(predicted, 0, 1), np.clip(truth, 0, 1), usable)
 
@@ -264,7 +242,7 @@ class _Left:
         """Remainder (light, texel · 3) of one tile."""
         lights = training_lights(self.fabric.stack)
         tile = read_samples(self.fabric, box)
-        said = prediction.predict(self.lobes, self.fabric.stack, box, lights).reshape(len(lights), -1)
+        said = material_prediction.predict(self.lobes, self.fabric.stack, box, lights).reshape(len(lights), -1)
         shown = by_light(np.nan_to_num(tile.under.reaching(tile.T)), self.domain)
         return remainder(shown, compress(said, self.domain), self.domain, self.choice.share)
 

@@ -10,14 +10,14 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kinran import encoding
-from kinran.fabric import Fabric
+from kinran.base import encoding
+from kinran.data.fabric import Fabric
+from kinran.data.labels import LabelMap
+from kinran.data.radiance import HOT, SATURATED, SHIFTED
+from kinran.data.radiance_stack import Box, Stack
+from kinran.data.texel_directions import Index, Under, join, under
 from kinran.fit.solver import prepare
 from kinran.fit.solver.turn import SINGLE, turn
-from kinran.labels import LabelMap
-from kinran.near import Index, Under, join, under
-from kinran.radiance.value import HOT, SATURATED, SHIFTED
-from kinran.stack import Box, Stack
 
 Single = NDArray[np.float32]
 Labels = NDArray[np.intp]

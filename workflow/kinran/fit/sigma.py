@@ -8,16 +8,17 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran import pictures
-from kinran.exr import write_exr
-from kinran.fabric import Fabric
-from kinran.files import InputError, write_json
-from kinran.fit import slope, uncertainty
-from kinran.fit.priors import Priors
+from kinran.base import pictures
+from kinran.base.exr import write_exr
+from kinran.base.files import InputError, write_json
+from kinran.base.log import progress
+from kinran.data.fabric import Fabric
+from kinran.fit import gauss_newton, slope
+from kinran.fit.region_priors import Priors
 from kinran.fit.samples import Samples, read_samples
-from kinran.fit.slope import Lobes, SlopeFit
+from kinran.fit.slope import SlopeFit
+from kinran.fit.slope_lobes import Lobes
 from kinran.fit.solver.lobes import LOBE_SIZE, narrowest
-from kinran.log import progress
 from kinran_bsdf.material import Material, read_material
 from kinran_bsdf.models import Slope
 
@@ -85,7 +86,7 @@ def _tile(part: Material, tile: Samples, priors: Priors, least: float, threads: 
     fitted = parameters(part)
     stiffness = np.stack([prior.stiffness() for prior in priors.regions])[tile.region]
     stiffness[fitted.colours[:, :-1].max((1, 2)) <= 0] = 0  # a texture that was fitted without its prior
-    covariance = uncertainty.covariances(fitted, tile, stiffness, threads)
+    covariance = gauss_newton.covariances(fitted, tile, stiffness, threads)
     return {**deviations(part, fitted.shapes, covariance), **unresolved(fitted, covariance, least)}
 
 

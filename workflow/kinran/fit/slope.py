@@ -7,16 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from kinran import frames
-from kinran.fit.channels import Channels, named
-from kinran.fit.priors import Prior
+from kinran.base import frames
+from kinran.data.texel_directions import Index, Under
+from kinran.fit.fitted_model import Channels, named
+from kinran.fit.region_priors import Prior
 from kinran.fit.samples import Samples
+from kinran.fit.slope_lobes import Lobes
 from kinran.fit.solver import fused, prepare
 from kinran.fit.solver.lobes import DIFFUSE_SIZE, LOBE_SIZE, TAILS, squared_widths
 from kinran.fit.solver.rows import LANES
 from kinran.fit.solver.sums import summed
 from kinran.fit.solver.values import Found, Given, Light, Model, Search, Texels
-from kinran.near import Index, Under
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -38,30 +39,6 @@ NEEDLE = {1: 0.5, 2: 0.6}
 FEW = 150
 """With fewer lights a lobe may stand between them: a second start is tried, at the brightest sample; and priors have
 a say: a second one is tried at texels that two regions share."""
-
-
-@dataclass(frozen=True)
-class Lobes:
-    """What the slope model consists of.
-
-    Attributes
-    ----------
-    tail
-        ``gaussian`` or ``ggx``.
-    count
-        Number of lobes, one or two.
-    bent
-        Whether the diffuse term has a normal of its own; otherwise it is N.
-    """
-
-    tail: str = "ggx"
-    count: int = 1
-    bent: bool = True
-
-    @property
-    def size(self) -> int:
-        """Number of shape parameters K of a texel."""
-        return LOBE_SIZE * self.count + DIFFUSE_SIZE
 
 
 @dataclass(frozen=True)
@@ -268,7 +245,7 @@ def _nothing(least: Array, lobes: Lobes) -> Given:
 def _given(priors: list[Prior], region: NDArray[np.intp], least: Array) -> Given:
     """What the priors of regions (texel,) say, where these do not resolve less than the lights.
 
-    Where a prior was given no weight at all (`kinran.fit.strength`), amplitudes are held instead.
+    Where a prior was given no weight at all (`kinran.fit.shrinkage`), amplitudes are held instead.
     """
     widths = np.array([prior.narrowest for prior in priors])
     centre, stiffness = np.stack([p.centre for p in priors]), np.stack([p.stiffness() for p in priors])

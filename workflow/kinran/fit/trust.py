@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from kinran import frames
-from kinran.fit import reweighted, slope
+from kinran.base import frames
+from kinran.fit import robust_weights, slope
 from kinran.fit.samples import Samples
-from kinran.fit.slope import Lobes, SlopeFit
+from kinran.fit.slope import SlopeFit
+from kinran.fit.slope_lobes import Lobes
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -50,7 +51,7 @@ def learn(samples: Samples, lobes: Lobes, threads: int) -> tuple[Single, bool]:
         factors = found
         free = slope.fit(samples.weighed(factors), lobes, threads=threads)
     samples = samples.weighed(factors)
-    huber, _ = reweighted.robust(samples, lobes, threads=threads)
+    huber, _ = robust_weights.robust(samples, lobes, threads=threads)
     smooth = [_smooth(_left(samples, fitted), samples.W, near) for fitted in (huber, free)]
     return factors, bool(smooth[0] < BETTER * smooth[1])
 

@@ -13,11 +13,11 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from kinran.files import InputError, atomic
-from kinran.log import progress
-from kinran.radiance.calibration import read_calibration
-from kinran.radiance.colour_chart import apply
-from kinran.stack import LARGEST, Stack
+from kinran.base.files import InputError, atomic
+from kinran.base.log import progress
+from kinran.calibrate.colour_chart import apply
+from kinran.data.calibration import read_calibration
+from kinran.data.radiance_stack import LARGEST, Stack
 
 log = logging.getLogger(__name__)
 

@@ -11,18 +11,18 @@ from typing import Annotated
 
 import numpy as np
 
-from kinran.files import InputError, write_json
-from kinran.geometry import relative_light
-from kinran.log import progress
-from kinran.plans import Plan, read_plan
-from kinran.radiance.calibration import Calibration, read_calibration
-from kinran.radiance.lamp import lamp_gains, level
-from kinran.radiance.radiometry import to_radiance
-from kinran.radiance.shots import Taken, read_bracket, read_light, read_manifest, read_shot
-from kinran.radiance.superpixels import merge_bracket
-from kinran.radiance.value import SATURATED, Radiance
-from kinran.shards import SHARD, group_shards
-from kinran.stack import ShardWriter
+from kinran.base.distances import relative_light
+from kinran.base.files import InputError, write_json
+from kinran.base.log import progress
+from kinran.bracket.shots import Taken, read_bracket, read_light, read_manifest, read_shot
+from kinran.bracket.superpixels import merge_bracket
+from kinran.calibrate.lamp import lamp_gains, level
+from kinran.calibrate.radiometry import to_radiance
+from kinran.data.calibration import Calibration, read_calibration
+from kinran.data.capture_plan import Plan, read_plan
+from kinran.data.radiance import SATURATED, Radiance
+from kinran.data.radiance_stack import ShardWriter
+from kinran.data.shards import SHARD, group_shards
 
 log = logging.getLogger(__name__)
 

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.files import InputError
-from kinran.frames import angles
+from kinran.base.files import InputError
+from kinran.base.frames import angles
 from kinran.register.target import CENTRE, Corners
 
 try:

@@ -14,7 +14,7 @@ import scipy.sparse.linalg
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from kinran.files import InputError
+from kinran.base.files import InputError
 from kinran.register.cameras import Cameras
 from kinran.register.rectify import Grid, Image, rectify
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.files import InputError
+from kinran.base.files import InputError
 from kinran.register.cameras import Cameras
 from kinran.register.target import CENTRE
 

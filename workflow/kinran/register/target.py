@@ -15,8 +15,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from kinran.code import ROOT
-from kinran.files import InputError
+from kinran.base.files import InputError
+from kinran.base.project import ROOT
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]

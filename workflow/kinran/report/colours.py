@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from kinran import pictures
-from kinran.radiance.calibration import Calibration
-from kinran.radiance.colour_chart import COLUMNS, PATCHES
+from kinran.base import pictures
+from kinran.calibrate.colour_chart import COLUMNS, PATCHES
+from kinran.data.calibration import Calibration
 from kinran.report import drawings
 from kinran_bsdf.colours import TO_REC709
 

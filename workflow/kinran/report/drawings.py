@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from kinran.drawing import axes, plots
-from kinran.drawing.canvas import FAINT, GRID, INK, Canvas
-from kinran.plans import Plan
+from kinran.base.drawing import axes, plots
+from kinran.base.drawing.canvas import FAINT, GRID, INK, Canvas
+from kinran.data.capture_plan import Plan
 
 Values = dict[str, Any]
 

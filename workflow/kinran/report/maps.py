@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran import pictures
+from kinran.base import pictures
 from kinran_bsdf.colours import TO_REC709
 from kinran_bsdf.material import Material
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from kinran.files import read_json
-from kinran.page import embed_file, write_page
+from kinran.base.files import read_json
+from kinran.base.page import embed_file, write_page
 
 
 @dataclass(frozen=True)

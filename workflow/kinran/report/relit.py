@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from kinran import pictures
-from kinran.page import data_url
+from kinran.base import pictures
+from kinran.base.page import data_url
 from kinran_bsdf.colours import TO_REC709
 from kinran_bsdf.material import Material
 from kinran_bsdf.relight import relight

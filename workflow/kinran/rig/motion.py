@@ -5,6 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 
+def mdeg(degrees: float) -> int:
+    """Degrees in millidegrees."""
+    return round(1000 * degrees)
+
+
 @dataclass(frozen=True)
 class Axis:
     """One axis: soft limits in millidegrees, top speed in mdeg/s, acceleration in mdeg/s²."""

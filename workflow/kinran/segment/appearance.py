@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.radiance.value import SATURATED
-from kinran.stack import Stack
+from kinran.data.radiance import SATURATED
+from kinran.data.radiance_stack import Stack
 
 Map = NDArray[np.float32]
 Features = NDArray[np.float64]

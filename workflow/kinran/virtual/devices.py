@@ -9,7 +9,7 @@ from kinran.rig.camera import Camera
 from kinran.rig.firmware import Firmware
 from kinran.rig.goniometer import Goniometer
 from kinran.rig.simulation import PacedCamera, simulated_goniometer
-from kinran.virtual.camera import CACHE, SimulatedCamera
+from kinran.virtual.simulated_camera import CACHE, SimulatedCamera
 
 
 @contextmanager

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kinran.code import digest
-from kinran.files import atomic
-from kinran.frames import direction
+from kinran.base.digest import digest
+from kinran.base.files import atomic
+from kinran.base.frames import direction
 from kinran.virtual import yarn
 
 Image = NDArray[np.float32]

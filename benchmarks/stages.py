@@ -1,0 +1,43 @@
+"""The pipeline's stages on a folder that holds a radiance stack, for benchmarks that judge what they make of it."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal
+
+from kinran import __main__ as kinran
+from kinran.base.files import InputError
+from kinran.data.fabric import Fabric
+from kinran.fit import fit, material, prior
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Without what the stages say."""
+    logger = logging.getLogger("kinran")
+    level = logger.level
+    logger.setLevel(logging.WARNING)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+
+
+def segmented(folder: Path) -> Fabric:
+    """The fabric of a folder's stack, with its regions."""
+    fabric = Fabric(folder)
+    files = {"stack": fabric.stack_path, "regions": fabric.regions_path, "statistics": folder / "statistics.exr"}
+    words = [word for name, file in files.items() for word in (f"--{name}", str(file))]
+    if kinran.main(["segment", str(fabric.labels_path), *words]):
+        raise InputError(f"{folder}: kinran segment failed; what it said stands above")
+    return fabric
+
+
+def fitted(folder: Path, count: Literal[1, 2], tail: Literal["gaussian", "ggx"]) -> None:
+    """Fit so many lobes to a folder's fabric: ``prior.json``, ``slope.npz``, ``material.exr``, ``slope.json``."""
+    known, run = folder / "prior.json", folder / "slope.npz"
+    prior.main(prior.Inputs(folder), known, prior.Options(count, tail))
+    fit.main(fit.Inputs(folder, known), run, fit.Options("slope", count, tail))
+    out = material.Outputs(folder / "material.exr", folder / "slope.json")
+    material.main(material.Inputs(folder, (run,)), out, material.Options("slope", count, tail))

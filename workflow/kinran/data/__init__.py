@@ -1,0 +1,1 @@
+"""Data: what the stages hand on, as values and as files."""

@@ -1,0 +1,79 @@
+"""Priors of regions, learned from a sample of their texels."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinran.fit.region_priors import Prior
+from kinran.fit.samples import Samples
+from kinran.fit.slope import SlopeFit, fit, resolution
+from kinran.fit.slope_lobes import Lobes
+
+Array = NDArray[np.float64]
+
+SAMPLE = 512
+"""Texels of a region that its prior is made of, by the stage `prior` and in the chart. A choice, no measurement of its
+own stands behind it."""
+HOLD = 10.0
+"""Variance, over the mean square of the samples, whose prior holds the shapes at their region's."""
+TRUSTED = 12.0
+"""What a held fit may leave, in times of what free fits leave, before its variance is cut. A choice."""
+POOLED = 0.6
+"""Share of the resolution of one texel that a region resolves: its facets are turned to see between the lights."""
+
+
+def region_priors(fitted: SlopeFit, samples: Samples, regions: int) -> list[Prior]:
+    """Priors of regions from free fits of a sample of their texels: medians of shape, means of residual.
+
+    Only texels with fewer samples than numbers have no say: those that lost the fewest peaks are not typical.
+    """
+    priors = []
+    usable = (samples.W > 0).sum(1)
+    numbers = int(fitted.numbers)
+    for k in range(regions):
+        inside = np.flatnonzero((samples.region == k) & (3 * usable > numbers))
+        telling = inside if len(inside) else np.arange(len(samples))
+        freedom = np.maximum(3.0 * usable[telling] - numbers, 1.0)
+        variance = float(np.mean(fitted.cost[telling] / freedom))
+        main = int(np.median(_reflected(fitted, telling), 0).argmax())
+        priors.append(Prior(np.median(fitted.shapes[telling], 0), max(variance, 1e-12), main))
+    return priors
+
+
+def learn_priors(samples: Samples, regions: int, lobes: Lobes, threads: int = 1) -> list[Prior]:
+    """Priors of regions from a sample of their texels.
+
+    Centres come from free fits, variances from fits that are held at these centres: a free fit to few samples
+    leaves too little of them. Where shapes differ within the region, held fits leave too much; `TRUSTED` times what
+    free fits leave is the most. What is left is in proportion to what is seen: where samples are left out, as
+    saturated peaks are, it is made as large as the held fits say that all of them are.
+    """
+    samples = samples.unshared()
+    T, W = samples.T, samples.W
+    finer = POOLED * resolution(samples.under.directions, lobes.count)
+    loose = region_priors(fit(samples, lobes, threads=threads, narrow=finer), samples, regions)
+    hold = HOLD * float(np.mean(np.square(T, where=W[:, None] > 0, out=np.zeros_like(T)), dtype=float))
+    held = fit(samples, lobes, [replace(p, variance=hold) for p in loose], threads)
+    tight, whole = region_priors(held, samples, regions), _whole(held, samples, regions)
+    lone: list[Prior] | list[None] = [None] * regions
+    if (lobes.tail, lobes.count) == ("gaussian", 2) and (W <= 0).any():
+        lone = learn_priors(samples, regions, replace(lobes, tail="ggx", count=1), threads)
+    return [
+        replace(p, variance=min(q.variance, TRUSTED * p.variance) * part, lone=one)
+        for p, q, part, one in zip(loose, tight, whole, lone, strict=True)
+    ]
+
+
+def _whole(fitted: SlopeFit, samples: Samples, regions: int) -> list[float]:
+    """Mean square of all samples over that of those in use, by a fit, of each region: 1 where all are in use."""
+    square, used = np.square(fitted.predict(samples.under), dtype=float).mean(1), samples.W > 0
+    inside = [samples.region == k for k in range(regions)]
+    seen = [np.mean(square[at], where=used[at]) if used[at].any() else 0 for at in inside]
+    return [max(float(square[at].mean() / part), 1.0) if part else 1.0 for at, part in zip(inside, seen, strict=True)]
+
+
+def _reflected(fitted: SlopeFit, at: NDArray[np.intp]) -> Array:
+    """Amplitude times area of each lobe (texel, lobe) of some texels."""
+    areas = [np.exp(-p[at, 2] - p[at, 4]) for p in map(fitted.lobe, range(fitted.lobes.count))]
+    return fitted.colours[at, :-1].sum(2) * np.stack(areas, 1)
