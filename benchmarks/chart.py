@@ -14,8 +14,7 @@ import numpy as np
 from benchmarks import fit, stages
 from kinran import __main__ as kinran
 from kinran.base.files import InputError, write_json
-from kinran.compare import chart, default, rows
-from kinran.compare import chart_table as table
+from kinran.compare import chart, chart_table, default, rows
 from kinran.compare.methods import kinds
 from kinran.data.radiance import Radiance
 from kinran.data.radiance_stack import Light, Metadata, write_metadata, write_shards
@@ -95,7 +94,7 @@ def charted(folder: Path) -> None:
         part = folder / f"{kind}.csv"
         chart.main(inputs, part, chart.Options(NAME, kind))
         parts += rows.read(part)
-    table.write(folder / "chart.csv", parts, [folder / "chart.svg", folder / "chart.png"])
+    chart_table.write(folder / "chart.csv", parts, [folder / "chart.svg", folder / "chart.png"])
     if kinran.main(["charts", str(folder / "chart.html"), "--charts", str(folder / "chart.csv")]):
         raise InputError(f"{folder}: kinran charts failed; what it said stands above")
 

@@ -37,7 +37,7 @@ class ResidualFit:
         Its mean and components.
     """
 
-    fitted_lobes: SlopeFit
+    lobes: SlopeFit
     residual: Residual
     maps: Single
 

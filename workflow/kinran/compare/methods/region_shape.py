@@ -35,7 +35,7 @@ class _Shared(Prior):
 class RegionShape:
     """Lobes whose widths are their region's."""
 
-    fitted_lobes: SlopeFit
+    lobes: SlopeFit
     shared: int
     numbers: float = 8.5
     """Two slopes, two colours, and a byte that names the region."""
