@@ -142,5 +142,7 @@ def test_manifest_is_json_that_says_where_the_photographs_are(tmp_path: Path) ->
 @pytest.mark.parametrize("stage", ["ingest", "ingest_group"])
 def test_no_change_of_the_merge_ingests_a_set_again(stage: str) -> None:
     """The stage's digest holds nominal times and RAW headers, but no estimator and no calibration."""
-    held = {name for name in digest.modules(f"kinran.{stage}") if name.startswith("kinran.radiance.")}
-    assert held == {f"kinran.radiance.{name}" for name in ("nominal", "raw", "value")}
+    held = digest.modules(f"kinran.capture.{stage}")
+    assert {name.split(".")[1] for name in held} == {"base", "capture", "data"}
+    assert {"kinran.data.nominal_time", "kinran.data.raw"} <= set(held)
+    assert "kinran.data.calibration" not in held
