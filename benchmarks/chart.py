@@ -95,8 +95,8 @@ def charted(folder: Path) -> None:
         chart.main(inputs, part, chart.Options(NAME, kind))
         parts += rows.read(part)
     chart_table.write(folder / "chart.csv", parts, [folder / "chart.svg", folder / "chart.png"])
-    if kinran.main(["charts", str(folder / "chart.html"), "--charts", str(folder / "chart.csv")]):
-        raise InputError(f"{folder}: kinran charts failed; what it said stands above")
+    if kinran.main(["chart-page", str(folder / "chart.html"), "--charts", str(folder / "chart.csv")]):
+        raise InputError(f"{folder}: kinran chart-page failed; what it said stands above")
 
 
 def targets(table: Path) -> list[dict[str, Any]]:
