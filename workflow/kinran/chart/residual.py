@@ -10,7 +10,7 @@ from kinran.chart.trial import Trial
 from kinran.fit.channels import Fitted
 from kinran.fit.few_lights import FEW_LIGHTS
 from kinran.fit.plates import plates
-from kinran.fit.residual import by_light, principal, remainder
+from kinran.fit.remainder import by_light, principal, remainder
 from kinran.fit.samples import Samples
 from kinran.fit.slope import Lobes, SlopeFit
 from kinran.near import Under

@@ -18,6 +18,7 @@ from kinran.fit import slope
 from kinran.fit.folds import deal, surrounded
 from kinran.fit.plates import plates
 from kinran.fit.priors import Prior, Priors
+from kinran.fit.remainder import by_light, leading, principal, remainder
 from kinran.fit.samples import Samples, read_samples, read_some, training_lights
 from kinran.fit.slope import Lobes
 from kinran.log import progress
@@ -140,11 +141,6 @@ def _spread(shape: tuple[int, ...]) -> NDArray[np.bool_]:
     return chosen.reshape(shape)
 
 
-def by_light(T: Values, domain: str) -> Values:
-    """Display-like values (light, texel · 3) of radiance (texel, 3, light)."""
-    return np.asarray(compress(T, domain).transpose(2, 0, 1).reshape(T.shape[2], -1))
-
-
 def cross_validate(samples: Samples, lobes: Lobes, priors: list[Prior], domain: str, threads: int = 1) -> Choice:
     """Share, components and smoothing by lights left out: see `pick`.
 
@@ -222,24 +218,6 @@ def _candidates(
             for count in COMPONENTS:
                 if count < train.sum():
                     yield (share, count, smoothing), known + factors[:, :count] @ components[:count]
-
-
-def remainder(shown: Values, lobes: Values, domain: str, share: float) -> Values:
-    """What the lobes leave; nothing where a photograph is saturated and the lobes are over it."""
-    left = shown - np.float32(share) * lobes
-    photograph = not domain.startswith("log:")
-    return np.where((shown >= 1) & (left < 0), 0, left) if share == 1 and photograph else left
-
-
-def principal(left: Values, count: int) -> Array:
-    """Orthonormal factors (light, ≤ count) of the first principal components over lights."""
-    return leading((left @ left.T).astype(float), count)
-
-
-def leading(gram: Array, count: int) -> Array:
-    """Eigenvectors (light, ≤ count) of a Gram matrix, those of the largest eigenvalues first."""
-    values, vectors = np.linalg.eigh(gram)
-    return np.asarray(vectors[:, np.argsort(values)[::-1][:count]])
 
 
 def _psnr(predicted: Values, truth: Values, usable: Values) -> float:
