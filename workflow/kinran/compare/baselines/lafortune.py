@@ -5,6 +5,7 @@ T_c = Σ_k C_k,c max(0, L · d_k)^e_k + C_d,c cos θ_i. The shapes are (p₀, p�
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,19 +25,21 @@ LEAST_COSINE = 0.05
 
 
 def one(samples: Samples) -> SeparableFit:
-    """Fit one lobe to every texel on its own, from its brightest sample."""
-    return _fit(towards(samples)[:, None], samples)
+    """Fit one lobe to every texel on its own, from its brightest sample: the shape to luminance, then the colours."""
+    luminance = replace(samples, T=samples.T.mean(1, keepdims=True))
+    shapes = _fit(towards(samples)[:, None], luminance).shapes
+    return _fit(shapes, samples, iterations=0)
 
 
 def two(samples: Samples) -> SeparableFit:
     """Fit two lobes: the first from the fit of one, the second from the brightest sample that this leaves."""
     first = one(samples)
-    left = Samples(samples.T - first.predict(samples.under), samples.W, samples.under, samples.region, samples.second)
+    left = replace(samples, T=samples.T - first.predict(samples.under))
     return _fit(np.stack([first.shapes[:, 0], towards(left)], 1), samples)
 
 
-def _fit(start: Array, samples: Samples) -> SeparableFit:
-    return separable.fit(lobe, start, samples, LOW, HIGH)
+def _fit(start: Array, samples: Samples, iterations: int = separable.ITERATIONS) -> SeparableFit:
+    return separable.fit(lobe, start, samples, LOW, HIGH, iterations)
 
 
 def towards(samples: Samples) -> Array:

@@ -66,7 +66,9 @@ class SeparableFit:
         return T
 
 
-def fit(formula: Formula, start: Array, samples: Samples, low: Array, high: Array) -> SeparableFit:
+def fit(
+    formula: Formula, start: Array, samples: Samples, low: Array, high: Array, iterations: int = ITERATIONS
+) -> SeparableFit:
     """Fit from a start.
 
     Parameters
@@ -77,15 +79,17 @@ def fit(formula: Formula, start: Array, samples: Samples, low: Array, high: Arra
         Those that are not finite, and those of no weight, are left out.
     low, high : (K,) float
         Bounds of the shapes.
+    iterations
+        At most; none leaves the shapes as they are and finds their colours.
     """
     shapes = np.clip(start, low, high)
-    colours = np.empty((len(samples), start.shape[1] + 1, 3))
+    colours = np.empty((len(samples), start.shape[1] + 1, samples.T.shape[1]))
     for cell, block in _blocks(samples.under, len(samples)):
         T, W = samples.T[block], samples.W[block]
         w = np.where(np.isfinite(T).all(1), W, 0).astype(float)
         y = np.where(w[:, None] > 0, T, 0).astype(float)
         part = _Block(formula, samples.under.slopes[cell], samples.under.lights[cell], y, w)
-        shapes[block], colours[block] = _descend(part, shapes[block], low, high)
+        shapes[block], colours[block] = _descend(part, shapes[block], low, high, iterations)
     return SeparableFit(formula, shapes, colours)
 
 
@@ -105,7 +109,7 @@ def _blocks(under: Under, texels: int) -> list[tuple[int, NDArray[np.intp]]]:
 
 @dataclass(frozen=True)
 class _Block:
-    """Texels of one cell: samples y (texel, 3, light) and their weights w (texel, light)."""
+    """Texels of one cell: samples y (texel, channel, light) and their weights w (texel, light)."""
 
     formula: Formula
     slopes: Array
@@ -118,7 +122,7 @@ class _Block:
         return _columns(self.formula, p, self.slopes, self.lights)
 
     def colours(self, G: Array) -> tuple[Array, Array]:
-        """Non-negative least squares: colours (texel, columns, 3), and the cost (texel,) that they leave."""
+        """Non-negative least squares: colours (texel, columns, channel), and the cost (texel,) that they leave."""
         A = np.einsum("tan,tn,tbn->tab", G, self.w, G, optimize=True)
         b = np.einsum("tan,tn,tcn->tca", G, self.w, self.y, optimize=True)
         C, gain = np.zeros_like(b), np.zeros(len(G))
@@ -151,12 +155,12 @@ def _columns(formula: Formula, p: Array, slopes: Array, lights: Array) -> tuple[
     return values, d.reshape(texels, lobes, size, -1)
 
 
-def _descend(block: _Block, p: Array, low: Array, high: Array) -> tuple[Array, Array]:
+def _descend(block: _Block, p: Array, low: Array, high: Array, iterations: int) -> tuple[Array, Array]:
     """Shapes and colours; each texel has its own damping, and one that is done stays where it is."""
     G, D = block.columns(p)
     C, cost = block.colours(G)
     damping, active = np.full(len(p), DAMPING), np.ones(len(p), bool)
-    for _ in range(ITERATIONS):
+    for _ in range(iterations):
         H, g = block.normal_equations(G, D, C)
         diagonal = np.einsum("tkk->tk", H)
         damped = H + np.eye(H.shape[1]) * (diagonal * damping[:, None] + 1e-12 * (1 + diagonal))[:, None]
