@@ -1,4 +1,4 @@
-"""Check this machine: libraries, Python packages, cores, memory, disk; say what to do about each failing line."""
+"""Check this machine: libraries, Python packages, cores, memory and disk; name a remedy for each check that fails."""
 
 import importlib
 import importlib.metadata
@@ -33,7 +33,7 @@ class Finding:
 
 
 def main() -> None:
-    """Print a line a check.
+    """Print one line for each check.
 
     Raises
     ------
