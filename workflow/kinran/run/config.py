@@ -104,8 +104,8 @@ class FabricRow:
 def lobes_of(config: dict[str, Any], fabric: FabricRow) -> tuple[int, str] | None:
     """Number and tail of a fabric's slope lobes: those of the config, but one GGX lobe under few lights.
 
-    None where `kinran choice` chooses them for each fabric. Two lobes explode where directions are few: on a traced
-    brocade under 29 lights their held-out error was 1.17, one lobe's less than that of the four steps, 0.99.
+    None where `kinran choice` chooses them for each fabric. With few directions two lobes explode: on a path-traced
+    brocade under 29 lights their held-out error was 1.17, that of one lobe less than that of the four steps, 0.99.
     """
     if config["fit"]["lobes"] == "choose":
         return None
