@@ -26,7 +26,7 @@ ITERATIONS = 40
 TOLERANCE = 1e-5
 """Share of the cost that a step has to gain for a texel's search to go on. A choice."""
 DAMPING, EASIER, HARDER = 1e-2, 0.2, 6.0
-"""Levenberg-Marquardt's damping at the start, and its factors after a step that gained and one that did not. Choices."""
+"""Damping of Levenberg-Marquardt at the start, and its factors after steps that gained or did not. Choices."""
 FUTILE = 1e6
 """Damping from which on no step gains. A choice."""
 TINY = 1e-14
