@@ -1,4 +1,4 @@
-"""The pipeline's stages on a folder that holds a radiance stack, for benchmarks that judge what they make of it."""
+"""The pipeline's stages on a folder that holds a radiance stack, for benchmarks that judge their results."""
 
 import logging
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from kinran.fit import fit, material, prior
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Without what the stages say."""
+    """Silence the messages of the stages."""
     logger = logging.getLogger("kinran")
     level = logger.level
     logger.setLevel(logging.WARNING)
@@ -25,12 +25,12 @@ def quiet() -> Iterator[None]:
 
 
 def segmented(folder: Path) -> Fabric:
-    """The fabric of a folder's stack, with its regions."""
+    """Segment a folder's stack, and return the fabric with its regions."""
     fabric = Fabric(folder)
     files = {"stack": fabric.stack_path, "regions": fabric.regions_path, "statistics": folder / "statistics.exr"}
     words = [word for name, file in files.items() for word in (f"--{name}", str(file))]
     if kinran.main(["segment", str(fabric.labels_path), *words]):
-        raise InputError(f"{folder}: kinran segment failed; what it said stands above")
+        raise InputError(f"{folder}: kinran segment failed; its message stands above")
     return fabric
 
 
