@@ -20,7 +20,7 @@ class Inputs:
 
     fabric: Annotated[Path, "folder of the fabric: radiance.zarr, labels.exr, regions.json"]
     material: Annotated[Path | None, "material of the pipeline (.exr), for the kind default"] = None
-    summary: Annotated[Path | None, "what that material cost (.json)"] = None
+    summary: Annotated[Path | None, "cost of that material (.json)"] = None
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ class Inputs:
     """Files that the stage reads."""
 
     charts: Annotated[tuple[Path, ...], "tables of the fabrics (.csv)"]
-    stability: Annotated[Path | None, "where methods fail, of `kinran bench stability` (.json)"] = None
+    stability: Annotated[Path | None, "table of `kinran bench stability` (.json)"] = None
 
 
 def main(inputs: Inputs, out: Annotated[Path, "OUT", "page (.html)"]) -> None:

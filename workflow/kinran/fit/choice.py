@@ -43,8 +43,8 @@ class Inputs:
 class Outputs:
     """Files that the stage writes."""
 
-    choice: Annotated[Path, "OUT", "what was chosen, and why (.json)"]
-    picture: Annotated[Path, "what each texel needs, for people (.png)"]
+    choice: Annotated[Path, "OUT", "chosen lobes, and the errors that decided (.json)"]
+    picture: Annotated[Path, "map of the lobes that each texel needs, for people (.png)"]
 
 
 @dataclass(frozen=True)

@@ -34,9 +34,9 @@ class Inputs:
     """Files that the stage reads."""
 
     fabric: Annotated[Path, "folder of the fabric: radiance.zarr, labels.exr, regions.json"]
-    prior: Annotated[Path | None, "priors of the regions (.json), for slope"] = None
-    need: Annotated[Path | None, "instead of --fitted: what a scene needs (.json)"] = None
-    choice: Annotated[Path | None, "instead of --lobes and --tail: what `kinran choice` chose (.json)"] = None
+    prior: Annotated[Path | None, "priors of the regions (.json), for the slope model"] = None
+    need: Annotated[Path | None, "needs of a scene (.json), instead of --fitted"] = None
+    choice: Annotated[Path | None, "lobes that `kinran choice` chose (.json), instead of --lobes and --tail"] = None
 
 
 @dataclass(frozen=True)

@@ -33,8 +33,8 @@ class Inputs:
 
     fabric: Annotated[Path, "folder of the fabric: radiance.zarr, labels.exr, regions.json"]
     runs: Annotated[tuple[Path, ...], "fitted runs (.npz)"]
-    need: Annotated[Path | None, "instead of --fitted: what a scene needs (.json)"] = None
-    choice: Annotated[Path | None, "instead of --lobes and --tail: what `kinran choice` chose (.json)"] = None
+    need: Annotated[Path | None, "needs of a scene (.json), instead of --fitted"] = None
+    choice: Annotated[Path | None, "lobes that `kinran choice` chose (.json), instead of --lobes and --tail"] = None
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ class Inputs:
     """Files that the stage reads."""
 
     fabric: Annotated[Path, "folder of the fabric: radiance.zarr, labels.exr, regions.json"]
-    choice: Annotated[Path | None, "instead of --lobes and --tail: what `kinran choice` chose (.json)"] = None
+    choice: Annotated[Path | None, "lobes that `kinran choice` chose (.json), instead of --lobes and --tail"] = None
 
 
 @dataclass(frozen=True)

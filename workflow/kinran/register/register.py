@@ -23,7 +23,7 @@ class Inputs:
 @dataclass(frozen=True)
 class Options:
     field_mm: Annotated[str, "--field-mm W,H", "part of the opening (default: 90 % of its sides)"] = ""
-    encoding: Annotated[str, "of the pictures: srgb, linear or gamma:X"] = "srgb"
+    encoding: Annotated[str, "encoding of the pictures: srgb, linear or gamma:X"] = "srgb"
 
 
 def main(

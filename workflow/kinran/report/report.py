@@ -11,7 +11,7 @@ class Inputs:
 
     fabric: Annotated[Path, "folder of the fabric's results"]
     captures: Annotated[Path, "folder of the fabric's capture"]
-    choice: Annotated[Path | None, "what `kinran choice` chose (.json), if it was asked"] = None
+    choice: Annotated[Path | None, "lobes that `kinran choice` chose (.json), if they were not given"] = None
 
 
 def main(inputs: Inputs, out: Annotated[Path, "OUT", "page (.html)"]) -> None:

@@ -58,7 +58,7 @@ class Inputs:
 @dataclass(frozen=True)
 class Outputs:
     mesh: Annotated[Path, "OUT", "clean, unwrapped mesh (.ply)"]
-    report: Annotated[Path | None, "what was found and done (.json)"] = None
+    report: Annotated[Path | None, "counts, size and stretch of the mesh (.json)"] = None
 
 
 def main(inputs: Inputs, out: Outputs) -> None:

@@ -73,7 +73,7 @@ class Inputs:
     fabric: Annotated[Path, "folder of radiance stack, label map and regions"]
 
 
-def main(inputs: Inputs, out: Annotated[Path, "OUT", "what the scene needs (.json)"]) -> None:
+def main(inputs: Inputs, out: Annotated[Path, "OUT", "needs of the scene (.json)"]) -> None:
     """Write the needs of the scene, and log them in one line."""
     result = need(inputs.template, inputs.mesh, Fabric(inputs.fabric))
     write_json(out, result)
