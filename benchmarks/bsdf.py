@@ -1,7 +1,8 @@
-"""What the BSDF costs and gains, as JSON: time per sample, variance, table interpolation, compilation, memory.
+"""Measure the BSDF, as JSON: time per sample, variance, table interpolation, compilation, memory.
 
 Run with `python benchmarks/bsdf.py [--out FILE] [--large] [--variant cuda_ad_rgb]`. Times are process CPU times,
-on a GPU wall times, the contenders interleaved, medians of the rounds; only ratios within one run mean anything.
+on a GPU wall times; the contenders take turns, and medians of the rounds count. Only ratios within one run mean
+anything.
 """
 
 import argparse
@@ -29,11 +30,11 @@ from kinran_bsdf.material import COLOUR
 from kinran_bsdf.relight import relight
 
 ROUNDS = 9
-"""Rounds of all BSDFs in turn, of which medians are taken."""
+"""Rounds of all BSDFs in turn, whose medians count. A choice."""
 
 
 def material(size: int, model: str = "slope", lobes: int = 1, width: float = 0.15, tail: str = "gaussian") -> Material:
-    """Woven gold on silk: slopes along the ribs of a twill, amplitudes that vary from texel to texel."""
+    """Material of woven gold on silk: slopes along the ribs of a twill, amplitudes that vary from texel to texel."""
     rng = np.random.default_rng(1)
     y, x = np.mgrid[:size, :size].astype(np.float32)
     rib = np.sin(2 * np.pi * (x + y) / 8)
@@ -65,7 +66,7 @@ def material(size: int, model: str = "slope", lobes: int = 1, width: float = 0.1
 
 
 def cloth(folder: Path, cells: int = 256) -> dict[str, Any]:
-    """Wavy sheet of 2 · cells² triangles, +u along +x."""
+    """Mesh of a wavy sheet of 2 · cells² triangles, with +u along +x."""
     t = np.linspace(0, 1, cells + 1)
     u, v = np.meshgrid(t, t)
     z = 0.08 * np.sin(9 * u) * np.cos(7 * v)
@@ -180,7 +181,7 @@ def interleaved(runs: dict[str, Callable[[], Any]], rounds: int = ROUNDS) -> dic
 
 
 def ratios(times: dict[str, list[float]], base: str) -> dict[str, float]:
-    """Median over the rounds of the ratio within a round."""
+    """Ratio of each contender's time to that of `base` within a round, median over the rounds."""
     return {
         name: round(statistics.median(a / b for a, b in zip(t, times[base], strict=True)), 3)
         for name, t in times.items()
@@ -188,7 +189,7 @@ def ratios(times: dict[str, list[float]], base: str) -> dict[str, float]:
 
 
 def cost(folder: Path) -> dict[str, Any]:
-    """Path tracing of one scene, 512 × 512, 8 samples a pixel (on a GPU 256)."""
+    """Time of path tracing one scene, 512 × 512 pixels with 8 samples each (on a GPU 256)."""
     shape, result, spp = cloth(folder), {}, 256 if on_gpu() else 8
     for size in (128, 2048):
         scenes = {name: scene(shape, bsdf, 512, "area") for name, bsdf in contenders(folder, size).items()}
@@ -203,7 +204,7 @@ def cost(folder: Path) -> dict[str, Any]:
 
 
 def register_cosine() -> None:
-    """A BSDF that is evaluated as the one inside it, and sampled by the cosine."""
+    """Register a BSDF that is evaluated as the one inside it, and sampled by the cosine."""
 
     class Cosine(mi.BSDF):
         def __init__(self, props: Any) -> None:
@@ -233,9 +234,9 @@ def register_cosine() -> None:
 
 
 def gain(folder: Path) -> dict[str, Any]:
-    """Equal-time gain of sampling the lobe: (variance · time) by the cosine over the same by the lobe.
+    """Equal-time gain of sampling the lobe: variance · time of cosine sampling over that of lobe sampling.
 
-    Direct light only: with bounces, a few paths that find the sun by chance make up most of the variance.
+    Light is direct only: with bounces, a few paths that find the sun by chance make up most of the variance.
     """
     register_cosine()
     shape, result = cloth(folder, 64), {}
@@ -261,7 +262,7 @@ def gain(folder: Path) -> dict[str, Any]:
 
 
 def table(folder: Path) -> dict[str, Any]:
-    """Look-up against interpolation in a table of the paper's 1153 directions, at 128 × 128 texels.
+    """Time of a look-up against that of interpolation in a table of the paper's 1153 directions, 128 × 128 texels.
 
     The table is interpolated as the nearest published plugin does it: a search for the three nearest directions
     and a weighted mean, in NumPy.
@@ -305,7 +306,7 @@ def table(folder: Path) -> dict[str, Any]:
 
 
 def compile_cold(folder: Path) -> Any:
-    """Milliseconds that the backend compiles the render kernels of one scene in, with an empty cache."""
+    """Milliseconds that the backend takes to compile the render kernels of one scene, with an empty cache."""
     if os.environ.get("DRJIT_CACHE_DIR") != str(folder.parent):  # Dr.Jit reads it when it starts
         with tempfile.TemporaryDirectory() as cache:
             environment = os.environ | {"DRJIT_CACHE_DIR": cache, "TMPDIR": cache}
@@ -323,7 +324,7 @@ def compile_cold(folder: Path) -> Any:
 
 
 def memory(folder: Path, size: int) -> dict[str, float]:
-    """MB that loading and rendering one fabric takes: Dr.Jit's arrays, and the process at its peak."""
+    """Memory in MB of loading and rendering one fabric: that of Dr.Jit's arrays, and the peak of the process."""
     path = folder / f"memory-{size}.exr"
     if not path.exists():
         kinran_bsdf.write_material(path, material(size))
@@ -357,7 +358,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="JSON file to write (default: print)")
     parser.add_argument("--large", action="store_true", help="measure the memory of 4096² and 6144² fabrics too")
     parser.add_argument("--only", choices=["cost", "gain", "table", "compile", "memory"])
-    parser.add_argument("--variant", default="llvm_ad_rgb", help="of Mitsuba: llvm_ad_rgb or cuda_ad_rgb")
+    parser.add_argument("--variant", default="llvm_ad_rgb", help="variant of Mitsuba: llvm_ad_rgb or cuda_ad_rgb")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -1,7 +1,7 @@
-"""The chart on a path-traced brocade under the paper's full grid, through the pipeline's own stages; and the targets.
+"""The chart on a path-traced brocade under the paper's full grid, by the pipeline's own stages, and its targets.
 
-The brocade, its lights, the split of them and the noise are those of `kinran bench fit`.
-The lights held out have the noise of the others.
+The brocade, its lights, their split and the noise are those of `kinran bench fit`. Held-out lights have the same noise
+as the others.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from kinran_bsdf.colours import TO_REC709
 log = logging.getLogger(__name__)
 
 EXPOSURES = (25, 100, 250, 1000, 4000)
-"""Shutter speeds of the paper's bracket, 1/s: what can be held is known by them."""
+"""Shutter speeds of the paper's bracket, 1/s, which set the radiance that the bracket can hold."""
 NAME = "full-grid"
 TARGETS = (
     ("one lobe", "all", "", "GGX lobe", "relative_error", 0.08),
@@ -35,7 +35,7 @@ TARGETS = (
     ("50 directions, texels above 1", "directions", "50", "default", "texels_above_1", 0),
     ("30 directions", "directions", "30", "default", "relative_error", 0.25),
 )
-"""What, experiment, setting, method (how its name begins), measure, most."""
+"""Name, experiment, setting, method (the beginning of its name), measure, and largest value that meets the target."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,7 +58,7 @@ def main(args: argparse.Namespace) -> None:
 
 
 def write_stack(scene: fit.Truth, folder: Path) -> None:
-    """Write what the camera saw as a radiance stack, every fourth light of a ring held out."""
+    """Write the noisy samples as a radiance stack, with every fourth light of a ring held out."""
     side = fit.FABRIC.texels
     theta = np.degrees(np.arccos(np.clip(scene.lights[:, 2], -1, 1)))
     phi = np.degrees(np.arctan2(scene.lights[:, 1], scene.lights[:, 0])) % 360
@@ -86,7 +86,7 @@ def write_stack(scene: fit.Truth, folder: Path) -> None:
 
 
 def charted(folder: Path) -> None:
-    """All methods and the default, kind by kind; one table, its pictures, and the page."""
+    """Chart all methods and the default, kind by kind, and write one table, its pictures and the page."""
     inputs = chart.Inputs(folder, folder / "material.exr", folder / "slope.json")
     parts = []
     for kind in [default.FAMILY, *kinds()]:
@@ -96,11 +96,11 @@ def charted(folder: Path) -> None:
         parts += rows.read(part)
     chart_table.write(folder / "chart.csv", parts, [folder / "chart.svg", folder / "chart.png"])
     if kinran.main(["chart-page", str(folder / "chart.html"), "--charts", str(folder / "chart.csv")]):
-        raise InputError(f"{folder}: kinran chart-page failed; what it said stands above")
+        raise InputError(f"{folder}: kinran chart-page failed; its message stands above")
 
 
 def targets(table: Path) -> list[dict[str, Any]]:
-    """What each target asks and what the chart has for it."""
+    """Targets with the chart's values, and whether they are met."""
     found = []
     for what, experiment, setting, method, measure, most in TARGETS:
         row = next(

@@ -1,4 +1,4 @@
-"""What a byte has to gain: the lobes that are chosen at several costs, and what they lose under lights held out."""
+"""The lobes that `kinran choice` takes at several costs of a byte, and their loss under lights held out."""
 
 import argparse
 import tempfile
@@ -24,11 +24,11 @@ from kinran_bsdf.material import read_material, write_material
 Single = NDArray[np.float32]
 
 COSTS = (0.1, 0.2, 0.3, 0.5, 1.0)
-"""Gains in dB that a lobe has to bring, from a third of the pipeline's to three times that."""
+"""Gains in dB that a lobe has to bring, from a third of the pipeline's to three times that (`candidates.DB_A_BYTE`)."""
 LOBE_BYTES = 16
 """Bytes of a lobe in a material: eight numbers in half precision."""
 COUNTS = (100, 50, 30)
-"""Numbers of lights, far apart, that the choice is tried under beside all of the fabric's."""
+"""Numbers of lights, far apart, that are tried beside all lights of the fabric."""
 SETS = ("item3", "item11", "material1", "material7")
 
 
@@ -62,7 +62,7 @@ def main(args: argparse.Namespace) -> None:
 
 
 def file_bytes(results: Path) -> dict[str, float]:
-    """Bytes a texel of a two-lobe material's file: as it is, and without lobes that texels alone do not need."""
+    """Bytes per texel of a two-lobe material's file, with all lobes and without those that texels do not need."""
     fabric, material = Fabric(results), read_material(results / "fit" / "slope.exr")
     labels = fabric.labels
     sample = read_some(fabric, spread_over_regions(labels, len(fabric.regions), choice.SAMPLE))
@@ -93,9 +93,9 @@ def _row(name: str, trial: Trial) -> dict[str, Any]:
 
 
 def measure(trial: Trial, threads: int = 1) -> dict[str, Any]:
-    """PSNR of each candidate alone on the lights held out; at each cost what is chosen, its bytes and dB lost.
+    """PSNR of each candidate alone on the lights held out, and at each cost the choice, its bytes and its loss in dB.
 
-    What is lost is against the best of all of these.
+    The loss is that against the best of all of these.
     """
     samples = fitted_lobes.of_present_regions(trial.samples)
     sizes = np.bincount(samples.region)
@@ -127,7 +127,7 @@ def measure(trial: Trial, threads: int = 1) -> dict[str, Any]:
 
 
 def _joined(said: dict[str, Single], kinds: list[Candidate], region: NDArray[np.intp]) -> Single:
-    """Each region as its candidate says."""
+    """Join predictions (texel, 3, light): each region has that of its candidate."""
     names = np.array([kind.name for kind in kinds])[region]
     result = np.empty_like(next(iter(said.values())))
     for name in set(names.tolist()):
@@ -136,5 +136,5 @@ def _joined(said: dict[str, Single], kinds: list[Candidate], region: NDArray[np.
 
 
 def _psnr(predicted: Single, trial: Trial) -> float:
-    """Mean over the lights held out, in dB, of displayed values."""
+    """Mean PSNR, in dB, of displayed values over the lights held out."""
     return float(errors.psnr(predicted, trial).mean())

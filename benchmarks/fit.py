@@ -1,4 +1,4 @@
-"""Error and speed of the fit on a path-traced brocade under the paper's full grid, against what one would write."""
+"""Error and speed of the fit on a path-traced brocade under the paper's full grid, against SciPy and the four steps."""
 
 import argparse
 import logging
@@ -36,30 +36,31 @@ Single = NDArray[np.float32]
 
 CACHE = Path(".cache/kinran/virtual")
 FABRIC = VirtualFabric(field_mm=3.2, texels=64, samples=160)
-"""0.05 mm a texel, as large as gold strips and silk yarns need to be seen apart."""
+"""Brocade with texels of 0.05 mm, as large as gold strips and silk yarns need to be seen apart."""
 STEP = 5000
 """Step of the grid in θ and φ, in millidegrees: the paper's 5°."""
 NOISE = (0.007, 0.002)
-"""Standard deviations of the noise, relative to a sample and to white: about those of five merged exposures."""
+"""Standard deviations of the noise, relative to a sample and to white. Choices: about those of five merged shots."""
 PEER_TEXELS = 24
 """Texels that `curve_fit` is tried on, evenly through the map: each takes tenths of a second."""
 REPEATS = 5
-"""Runs of which the quickest counts."""
+"""Runs of which the quickest counts. A choice."""
 
 
 @dataclass(frozen=True)
 class Truth:
-    """A brocade under all lights of the grid: `seen` with noise by the fit, `clean` by the judge.
+    """A brocade under all lights of the grid: the fit sees it with noise, the judge without.
 
     Attributes
     ----------
     clean, seen : (light, texel, 3)
-        π T.
+        π T without and with noise.
     lights : (light, 3)
+        Directions.
     held : (light,) bool
-        Every fourth light of each ring, staggered: interpolation on the 5° grid.
+        Whether a light is held out: every fourth of each ring, staggered, so that lights are interpolated.
     weight : (light,)
-        Solid angle that a light stands for.
+        Solid angle that each light stands for, up to a factor.
     gold : (texel,) bool
         Whether a texel is gold; the others are silk.
     """
@@ -77,14 +78,14 @@ class Truth:
         return np.flatnonzero(~self.held)
 
     def samples(self, use: NDArray[np.intp]) -> Samples:
-        """What is seen under some of the lights; the two regions are gold and silk."""
+        """Noisy samples under some of the lights; the two regions are gold and silk."""
         T = np.ascontiguousarray(self.seen[use].transpose(1, 2, 0))
         W = np.ones((len(T), len(use)), np.float32)
         return Samples.far(T, W, self.lights[use], (~self.gold).astype(np.intp))
 
 
 def truth(cache: Path) -> Truth:
-    """Render, or take from the cache."""
+    """Render the brocade under all lights, or read it from the cache."""
     poses = [(0, 0)] + [(t, p) for t in range(STEP, 80001, STEP) for p in range(0, 360_000, STEP)]
     clean = np.stack([FABRIC.frame(*pose, cache).reshape(-1, 3) for pose in progress(poses, "ground truth", "lights")])
     angle = np.radians(np.array(poses) / 1000)
@@ -158,7 +159,7 @@ def main(args: argparse.Namespace) -> None:
 
 
 def _claims(rows: list[dict[str, Any]], whole_map: dict[str, float], memory: dict[str, float]) -> list[dict[str, Any]]:
-    """What was to be shown, with what was measured."""
+    """Claims with their bounds and measured values."""
     by_name = {row["name"]: row for row in rows}
     two, last = by_name["GGX, 2 iterations"], by_name["GGX, converged"]
     pair = by_name["two Gaussians, bent, 3 iterations"]
@@ -206,7 +207,7 @@ VARIANTS = (
 
 
 def _timed(call: Callable[[], Any], texels: int, repeats: int = REPEATS) -> tuple[Any, float]:
-    """Result of a call, and the least CPU time of several, in microseconds a texel; compiled before."""
+    """Result of a call, and its least CPU time of several in microseconds per texel, after one that compiles."""
     call()
     best = np.inf
     for _ in range(repeats):
@@ -217,7 +218,7 @@ def _timed(call: Callable[[], Any], texels: int, repeats: int = REPEATS) -> tupl
 
 
 def _errors(fitted: Fitted, scene: Truth, inside: slice | NDArray[np.bool_] = slice(None)) -> dict[str, float]:
-    """Relative error √(Σ w (m − g)² / Σ w g²) on the lights held out; of all texels, of gold, and a texel at a time."""
+    """Relative errors √(Σ w (m − g)² / Σ w g²) on the lights held out: of all texels, gold, silk, and single texels."""
     predicted = fitted.predict(Under.far(scene.lights[scene.held]))
     g = scene.clean[scene.held].transpose(1, 2, 0)[inside]
     w = scene.weight[scene.held]
@@ -239,7 +240,7 @@ def _print(row: dict[str, Any]) -> None:
 
 
 def _references(T: Single, scene: Truth) -> list[dict[str, Any]]:
-    """Reading the samples once; NumPy's transpose of them; and ours from float16 images, as they lie in the stack."""
+    """Times to read the samples once, to transpose them by NumPy, and to reorder float16 images by `texels_first`."""
     side = FABRIC.texels
     single = np.ascontiguousarray(scene.seen[scene.train])
     images = single.reshape(len(single), side, side, 3).astype(np.float16)
@@ -263,7 +264,7 @@ def _four_steps(samples: Samples, scene: Truth) -> dict[str, Any]:
 
 
 def _curve_fit(samples: Samples, scene: Truth) -> dict[str, Any]:
-    """`scipy.optimize.curve_fit` of the same formula from the same start, texel by texel: what one would write."""
+    """Error and time of `scipy.optimize.curve_fit` with the same formula and start, texel by texel."""
     from scipy.optimize import curve_fit
 
     inside = np.zeros(len(samples), bool)
@@ -298,7 +299,7 @@ def _curve_fit(samples: Samples, scene: Truth) -> dict[str, Any]:
 
 
 def _few(scene: Truth, count: int) -> dict[str, Any]:
-    """The region prior with few lights, spread over slopes by farthest points."""
+    """Errors with few lights that lie apart in slopes, with and without the region's prior."""
     samples = scene.samples(scene.train[spread(scene.lights[scene.train], count)])
     row: dict[str, Any] = {"name": f"{count} lights"}
     for name, given in (("alone", None), ("prior", _priors(samples, Lobes()))):
@@ -309,7 +310,7 @@ def _few(scene: Truth, count: int) -> dict[str, Any]:
 
 
 def _exposures(scene: Truth, samples: Samples, kept: int) -> dict[str, Any]:
-    """Two lobes as the pipeline fits them with the longest exposures; all five hold twice the brightest sample."""
+    """Errors of one lobe and two with the longest exposures alone; all five hold twice the brightest sample."""
     level = np.float32(2 * scene.clean.max() * SHOTS[5 - kept] / SHOTS[0])
     full = (level <= samples.T).any(1)
     W, bounds = np.asarray(~full, np.float32), np.asarray(full, np.float32)
@@ -331,7 +332,7 @@ def _priors(samples: Samples, lobes: Lobes) -> list[Prior]:
 
 
 def _scaling(samples: Samples) -> dict[str, float]:
-    """Wall-clock microseconds a texel by the number of threads."""
+    """Wall-clock microseconds per texel by the number of threads."""
     result = {}
     for threads in (1, 2):
         best = np.inf
@@ -344,7 +345,7 @@ def _scaling(samples: Samples) -> dict[str, float]:
 
 
 def _whole_map(scene: Truth) -> dict[str, float]:
-    """128 × 128 texels under all lights of the grid on two threads, in tiles of 64 × 64, reordering included."""
+    """Seconds of 128 × 128 texels under all lights of the grid on two threads, by tiles, reordering included."""
     side = FABRIC.texels
     images = scene.seen.reshape(len(scene.lights), side, side, 3).astype(np.float16)
     flags, weight_of = np.zeros(images.shape, np.uint8), np.ones(256, np.float32)

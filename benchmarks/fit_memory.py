@@ -16,7 +16,7 @@ from kinran.data.radiance_stack import CHUNK, Light, Metadata, ShardWriter, writ
 HEIGHT, WIDTH = 2592, 3888
 """Texels of the paper's camera: 10.08 megapixels."""
 JOB = "0/100"
-"""Which run of tiles is fitted."""
+"""Run of tiles that is fitted: INDEX/COUNT."""
 RUN = """
 import re, sys
 from pathlib import Path
@@ -24,7 +24,7 @@ from kinran.__main__ import main
 main(sys.argv[1:])
 print(re.search(r"VmHWM:\\s*(\\d+)", Path("/proc/self/status").read_text())[1])
 """
-"""A command, and its peak: that of `resource` counts the parent's memory, too."""
+"""Code that runs a command and prints its peak; that of `resource` counts the parent's memory, too."""
 
 
 def measure(scratch: Path | None = None) -> dict[str, float]:
@@ -56,7 +56,7 @@ def measure(scratch: Path | None = None) -> dict[str, float]:
 
 
 def _write_stack(folder: Path, lights: NDArray[np.float64]) -> None:
-    """A patch of facets, repeated."""
+    """Write a stack of a patch of facets, repeated."""
     patch = noisy(microfacets(*texels(36 * 36), lights)).transpose(2, 0, 1).reshape(len(lights), 36, 36, 3)
     with ShardWriter(folder, HEIGHT, WIDTH) as writer:
         for picture in patch:

@@ -38,7 +38,7 @@ from kinran.data.shards import SHARD
 from kinran.virtual.dng import write_dng
 
 REPEATS = 5
-"""Runs of which the quickest counts."""
+"""Runs of which the quickest counts. A choice."""
 HOT_SITES = 5e-4
 """Share of the sites that are hot, as in the virtual camera."""
 RATES = (25, 100, 250, 1000, 4000)
@@ -50,7 +50,7 @@ TILE_LIGHTS, TILE_READ = 16, 200
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the benchmark."""
     parser.add_argument("--out", type=Path, help="results (.json)")
-    parser.add_argument("--megapixels", type=float, default=10.08, help="of a frame")
+    parser.add_argument("--megapixels", type=float, default=10.08, help="megapixels of a frame")
     parser.add_argument("--sites", type=int, default=20_000, help="synthetic sites at each level of radiance")
     parser.add_argument("--data", type=Path, help="folder of the llanos sets, for real brackets")
 
@@ -71,7 +71,7 @@ def main(args: argparse.Namespace) -> None:
 
 
 def machine() -> dict[str, Any]:
-    """What it was measured on."""
+    """The machine that the benchmark ran on."""
     return {"processor": platform.machine(), "cores": os.cpu_count(), "python": platform.python_version()}
 
 
@@ -99,7 +99,7 @@ def scene(rows: int, columns: int) -> NDArray[np.float64]:
 
 
 def speed(folder: Path, rows: int, columns: int) -> dict[str, Any]:
-    """CPU seconds of one light: the estimator, OpenCV's, a whole superpixel merge, decoding the frames."""
+    """CPU seconds of one light: of the estimator, of OpenCV's, and of the parts of a merge job."""
     sites = expose_fast(scene(rows, columns))
     planes = np.stack([sites[:, y::2, x::2] for y, x in ((0, 0), (0, 1), (1, 0), (1, 1))], 1)
     black, seconds = np.full((5, 4), float(BLACK)), np.repeat(SECONDS[:, None], rows // 2, 1)
@@ -150,7 +150,7 @@ def _job(folder: Path, sites: NDArray[np.uint16], planes: NDArray[np.uint16]) ->
 
 
 def _opencv(sites: NDArray[np.uint16], samples: float, ours: float) -> dict[str, Any]:
-    """OpenCV's MergeDebevec on three channels of 16 bits, on one thread."""
+    """CPU seconds of OpenCV's MergeDebevec on three channels of 16 bits, on one thread."""
     try:
         import cv2
     except ImportError:
@@ -169,7 +169,7 @@ def _opencv(sites: NDArray[np.uint16], samples: float, ours: float) -> dict[str,
 
 
 def expose_fast(rates: NDArray[np.float64]) -> NDArray[np.uint16]:
-    """`expose` with normal noise in strips, for whole frames."""
+    """Expose whole frames as `merge_accuracy.expose` does, with normal noise and in strips."""
     rng = np.random.default_rng(2)
     out = np.empty((len(SECONDS), *rates.shape), np.uint16)
     for k, seconds in enumerate(SECONDS):
@@ -217,7 +217,7 @@ def _peak(command: Sequence[str]) -> float:
 
 
 def _group(folder: Path, rows: int, columns: int) -> tuple[Path, Path, Path]:
-    """A capture of 8 lights that are one and the same bracket, and θ = 0 in a shard of its own."""
+    """Write a capture of 8 lights, all of one bracket, with θ = 0 in a shard of its own."""
     counts = expose_fast(scene(rows, columns))
     for rate, one in zip(RATES, counts, strict=True):
         _write(folder / f"{rate}.dng", one, Fraction(1, rate))
@@ -242,7 +242,7 @@ def _group(folder: Path, rows: int, columns: int) -> tuple[Path, Path, Path]:
 
 
 def tile(folder: Path, height: int, width: int) -> dict[str, Any]:
-    """Seconds to read 64 × 64 texels under 200 lights, not in the page cache: from the stack, from EXR files."""
+    """Seconds to read 64 × 64 texels under 200 lights from the stack and from EXR files, none in the page cache."""
     rng = np.random.default_rng(0)
     stack = folder / "tile.zarr"
     for first in range(0, TILE_LIGHTS, SHARD):
@@ -294,7 +294,7 @@ def _forget(folder: Path) -> None:
 
 
 def table(results: dict[str, Any]) -> str:
-    """What people read."""
+    """Table of the results, for people."""
     estimators = results["accuracy"]["estimators"]
     decades = list(estimators["crb"])
     lines = ["worst bias % / RMSE over the bound / z-rms, per decade of electrons a second", ""]

@@ -1,4 +1,4 @@
-"""Accuracy of merging against the Cramér–Rao bound, on a synthetic 12-bit camera, beside what one would write."""
+"""Accuracy of merging against the Cramér–Rao bound, on a synthetic 12-bit camera, beside other estimators."""
 
 import importlib
 import importlib.metadata
@@ -19,9 +19,9 @@ Array = NDArray[np.float64]
 SECONDS = 2.0 ** (-np.array([14, 20, 24, 30, 36]) / 3)
 """1/25 to 1/4000 s, as third stops."""
 BLACK, CLIP, GAIN, READ = 256, 3726, 1 / 12.1, 20.0
-"""The synthetic camera: count of darkness, count of saturation, counts per electron, read noise in electrons."""
+"""Synthetic camera: count of darkness, count of saturation, counts per electron, read noise in electrons. Choices."""
 RESPONSE = Response(CLIP - BLACK, GAIN, float(np.hypot(READ * GAIN, 12**-0.5)))
-"""Its response, as the estimators are told it: read noise and rounding together."""
+"""Response of the synthetic camera that the estimators are given: read noise and rounding together."""
 DECADES = (3, 4, 5, 6, 7)
 """Logarithms of the electrons a second at which decades begin."""
 BRIGHTEST = 8.05
@@ -29,14 +29,14 @@ BRIGHTEST = 8.05
 
 
 def expose(rates: Array, rng: np.random.Generator) -> NDArray[np.uint16]:
-    """Counts (exposure, …) of sites that collect so many electrons a second."""
+    """Counts (exposure, …) of sites that collect `rates` (…) electrons a second."""
     mean = rates * SECONDS.reshape(-1, *[1] * rates.ndim)
     counts = (rng.poisson(mean) + rng.normal(0, READ, mean.shape)) * GAIN + BLACK
     return np.clip(np.floor(counts + 0.5), 0, CLIP).astype(np.uint16)
 
 
 def bound(rate: float) -> float:
-    """Least relative standard deviation of an unbiased estimate: shot, read and rounding noise, and clipping, exact."""
+    """Cramér–Rao bound on the relative standard deviation, exact for shot, read and rounding noise and clipping."""
     information = 0.0
     for seconds in SECONDS:
         step = 1e-4 * rate
@@ -125,14 +125,14 @@ def _poisson_sum(counts: NDArray[np.uint16]) -> tuple[Array, None]:
 
 
 def _own_value(counts: NDArray[np.uint16]) -> tuple[Array, None]:
-    """Weights from the noisy value itself."""
+    """Weighted mean with weights from the noisy values themselves."""
     y, seconds = counts - float(BLACK), SECONDS[:, None, None]
     w = seconds**2 / (np.maximum(y, 0) * GAIN + RESPONSE.read**2) * (y < RESPONSE.clip)
     return (w * y / seconds).sum(0) / np.maximum(w.sum(0), 1e-30) / GAIN, None
 
 
 def _hat(counts: NDArray[np.uint16]) -> tuple[Array, None]:
-    """Debevec's weights on linear values."""
+    """Weighted mean of linear values with the hat weights of Debevec1997."""
     y, seconds = counts - float(BLACK), SECONDS[:, None, None]
     z = y / (CLIP - BLACK)
     w = np.clip(1 - np.abs(2 * z - 1), 0, 1)
@@ -141,7 +141,7 @@ def _hat(counts: NDArray[np.uint16]) -> tuple[Array, None]:
 
 
 def _debevec(counts: NDArray[np.uint16]) -> tuple[Array, None]:
-    """Our own Debevec and Malik, on 8 bits, with the true response."""
+    """Kinran's merge after Debevec1997, on 8 bits, with the true response."""
     codes = np.clip(np.round((counts - float(BLACK)) / (CLIP - BLACK) * 255), 0, 255).astype(np.uint8)
     linear = Curve(tuple(float(v) for v in np.arange(256) / 255))
     return merge_debevec(codes, SECONDS, linear).astype(float) * ((CLIP - BLACK) / GAIN), None
@@ -157,7 +157,7 @@ def _opencv(counts: NDArray[np.uint16]) -> tuple[Array, None]:
 
 
 def _colour_hdri(counts: NDArray[np.uint16]) -> tuple[Array, None]:
-    """colour-hdri, shortest exposure first: the only order in which it is right."""
+    """Estimate of colour-hdri, shortest exposure first: the only order in which it is right."""
     hdri: Any = importlib.import_module("colour_hdri")
     metadata: Any = importlib.import_module("colour_hdri.utilities").Metadata
     stack = hdri.ImageStack()
@@ -170,7 +170,7 @@ def _colour_hdri(counts: NDArray[np.uint16]) -> tuple[Array, None]:
 
 
 def _scaled(value: Array, counts: NDArray[np.uint16]) -> Array:
-    """Values in electrons a second: their scale is that of the median of the well exposed sites."""
+    """Values in electrons a second, scaled by the median of the well exposed sites."""
     ours, _ = _kinran(counts)
     middle = (ours > 1e5) & (ours < 3e6)
     return value * float(np.median(ours[middle] / value[middle]))

@@ -22,6 +22,7 @@ from kinran.data.nominal_time import time_in_name
 Array = NDArray[np.float64]
 
 BANDS = (450, 500, 550, 600, 650, 700)
+"""Middles of the bands that are merged, in nm."""
 FRAMES = "hdr_llanos/demo_data/captured_images/images_filtered_light/color_checker"
 CHECKER = "checker_llanos/demo_data"
 LABELS = "colorChecker_labels/d2_colorChecker30cm_550nm_labels.png"
@@ -30,7 +31,7 @@ FIRST_PATCH = "dark skin"
 SITES = {"R": ((1, 0),), "G": ((0, 0), (1, 1)), "B": ((0, 1),)}
 """Rows and columns of the colours in the Bayer pattern, which is GBRG."""
 LEAST_PIXELS = 100
-"""Fewest sites that a patch is read from."""
+"""Fewest sites that a patch is read from. A choice."""
 ROWS = np.repeat(np.arange(4), 6)
 COLUMNS = np.tile(np.arange(6), 4)
 
@@ -87,12 +88,12 @@ def merge_band(folder: Path, band: int) -> tuple[Array, Array, tuple[Exposure, .
 
 
 def _channel(band: int) -> str:
-    """The CFA sites that see most of a band."""
+    """Colour of the sites that see most of a band."""
     return "B" if band < 490 else "G" if band < 590 else "R"
 
 
 def _patches(rate: Array, sigma: Array, labels: NDArray[np.uint8], channel: str) -> Array:
-    """(24,) mean rate of each patch; NaN where it is saturated."""
+    """Mean rate (24,) of each patch; NaN where it is saturated."""
     found = np.full(24, np.nan)
     for k in range(24):
         values, spreads = [], []
@@ -107,7 +108,7 @@ def _patches(rate: Array, sigma: Array, labels: NDArray[np.uint8], channel: str)
 
 
 def _field(logs: Array) -> Array:
-    """(24,) smooth light field over the chart, a plane and a bowl, by least squares of the logarithms."""
+    """Smooth light field (24,) over the chart, a plane and a bowl, by least squares of the logarithms."""
     x, y = COLUMNS - 2.5, ROWS - 1.5
     basis = np.stack([np.ones(24), x, y, x * x, y * y, x * y], 1)
     use = np.isfinite(logs)
@@ -120,7 +121,7 @@ def _field(logs: Array) -> Array:
 
 
 def _spectra(path: Path) -> dict[int, Array]:
-    """(24,) reflectance of the patches at each whole nanometre."""
+    """Reflectance (24,) of the patches at each whole nanometre."""
     with path.open(newline="") as file:
         header, *rows = csv.reader(file)
     first = header.index(FIRST_PATCH)

@@ -1,4 +1,4 @@
-"""Texels that two threads share: their error under their region's prior alone, and with one of a lobe of each."""
+"""Error of texels that two threads share, under their region's prior alone and with the prior of both regions."""
 
 import argparse
 from collections.abc import Callable
@@ -26,11 +26,11 @@ from kinran.virtual.weave import VirtualFabric
 Array = NDArray[np.float64]
 
 FACTORS = (1, 2)
-"""Texels along the side of one: coarser ones are mixed more often."""
+"""Texels along the side of a block that is averaged to one texel: coarser texels are mixed more often."""
 COUNTS = (100, 50, 30)
-"""Numbers of lights, far apart, beside all of the fabric's."""
+"""Numbers of lights, far apart, that are tried beside all lights of the fabric."""
 PURITY = (0.0, 0.7, 0.9, 1.01)
-"""Bounds of classes of texels, by the share of the thread that fills most of a texel."""
+"""Bounds of the classes of texels, by the share of the thread that fills most of a texel. Choices."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,7 +60,7 @@ def main(args: argparse.Namespace) -> None:
 
 
 def measure(trial: Trial, purity: Array) -> list[dict[str, float]]:
-    """Relative error by class of purity (texel,) under the region's prior alone, and with one that is shared."""
+    """Relative errors by class of purity (texel,), under the region's prior alone and with one that is shared."""
     wanted = Lobes("ggx", 1) if len(trial.lights) < FEW_LIGHTS else Lobes("gaussian", 2)
     result = []
     for samples in (trial.samples.unshared(), trial.samples):
@@ -91,7 +91,7 @@ def _blocks(values: NDArray[Any], factor: int) -> NDArray[Any]:
 
 
 def coarse(trial: Trial, factor: int, labels: NDArray[np.intp], second: NDArray[np.intp]) -> Trial:
-    """The trial as a wider lens would have taken it: what any texel of a block lacks, all of it does."""
+    """The trial as a wider lens would have taken it; a sample that one texel of a block lacks, all of it lack."""
 
     def of(values: NDArray[Any], of_block: Callable[..., Any] = np.mean) -> Single:
         blocks = of_block(_blocks(values.reshape(*trial.shape, *values.shape[1:]), factor), (1, 3))

@@ -1,7 +1,7 @@
 """Error of the levels of a pyramid: `python benchmarks/pyramid.py MATERIAL.exr …`, as JSON.
 
-Each level is compared with the mean of the texels that it stands for, at V = N under 60 lights up to 70°: RMS of the
-difference over the RMS of the means, and the error of the mean. Residuals are left out.
+Each level is compared with the mean of the texels that it stands for, at V = N under 60 lights up to 70°. The figures
+are the RMS of the difference over the RMS of the means, and the error of the mean. Residuals are left out.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Accuracy on real sets: the pipeline's material on lights that it has not seen, beside interpolation and harmonics."""
+"""Accuracy of the pipeline's material on held-out lights of real sets, beside interpolation and harmonics."""
 
 import argparse
 import platform
@@ -41,9 +41,9 @@ PEERS: dict[str, tuple[int, Callable[[Samples], Fitted]]] = {
     "Delaunay": (3, lambda samples: interpolation.fit(samples, interpolation.linear)),
     "thin plate": (3, lambda samples: interpolation.fit(samples, PLATE)),
 }
-"""Channels that share their numbers, and the fit. PCA has components of each channel of a texel."""
+"""Number of channels that share their numbers, and function that fits. PCA takes each channel of a texel by itself."""
 COMPARED = ("PTM", "HSH16", "PCA9")
-"""Peers of some ten numbers a texel, like the material; the others keep all samples."""
+"""Peers of some ten numbers per texel, like the material; the others keep all samples."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -97,7 +97,7 @@ def measure(real: real_sets.RealSet) -> dict[str, Any]:
 
 
 def _normals(real: real_sets.RealSet) -> dict[str, float]:
-    """Mean angle to the true normals, in degrees, of Kinran's and of plain least squares, by all lights."""
+    """Mean angles to the true normals, in degrees, of Kinran's normals and of least squares, from all lights."""
     assert real.normals is not None
     truth = real.normals.reshape(-1, 3)
     there = np.linalg.norm(truth, axis=1) > 0.5
@@ -112,7 +112,7 @@ def _normals(real: real_sets.RealSet) -> dict[str, float]:
 
 
 def run(folder: Path, lights: int) -> None:
-    """The pipeline's stages on ``radiance.zarr``, as its rules run them for so many lights."""
+    """Run the pipeline's stages on ``radiance.zarr`` as its rules run them for so many lights."""
     fit = yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8"))["fit"]
     stages.segmented(folder)
     if lights < FEW_LIGHTS:
@@ -141,7 +141,7 @@ def _peer(name: str, trial: Trial) -> dict[str, float]:
 
 
 def _errors(predicted: Single, trial: Trial) -> dict[str, float]:
-    """As `kinran evaluate` says them."""
+    """Errors as `kinran evaluate` computes them."""
     by_light = errors.psnr(predicted, trial)
     p, g, v = (np.moveaxis(a, -1, 0) for a in (predicted, trial.truth, trial.valid.astype(np.float32)))
     return {

@@ -1,4 +1,4 @@
-"""Measured BRDFs on tilted facets under the paper's grid, by the neural codes of Neural-BRDF [Sztrajman2021]."""
+"""Error of the fit on measured BRDFs on tilted facets, given by the networks of Neural-BRDF [Sztrajman2021]."""
 
 import io
 import zipfile
@@ -34,15 +34,15 @@ MATERIALS = {
 }
 PAIR = Lobes("gaussian", 2)
 TEXELS, FACETS = 48, 24
-"""Texels of a material, and facets of each."""
+"""Texels of a material, and facets of each texel. Choices."""
 TILT = np.radians(18.0)
-"""Largest tilt of a texel, in radians."""
+"""Largest tilt of a texel, in radians. A choice."""
 SPREAD = (0.12, 0.03)
-"""Standard deviations of the slopes of a texel's facets along x and y: those of a thread that is ridged along it."""
+"""Standard deviations of the slopes of a texel's facets along x and y. A choice: a thread that is ridged along it."""
 NOISE = 0.01
-"""Standard deviation of the noise, relative to a sample."""
+"""Standard deviation of the noise, relative to a sample. A choice."""
 UNRESOLVED = 0.25
-"""Error of interpolation between neighbouring lights from which on the grid does not resolve a material."""
+"""Error of interpolation between neighbouring lights from which on the grid does not resolve a material. A choice."""
 
 
 def measure(folder: Path) -> dict[str, Any]:
@@ -151,13 +151,13 @@ def _material(net: Net, rng: np.random.Generator) -> dict[str, float]:
 
 
 def _lobes(samples: Samples, lobes: Lobes) -> tuple[SlopeFit, list[Prior]]:
-    """Lobes under the priors of one region, and these."""
+    """Fit lobes under the prior of one region, and return the fit and the prior."""
     priors = learned_priors.learn_priors(samples, 1, lobes)
     return slope.fit(samples, lobes, priors), priors
 
 
 def _with_residual(samples: Samples) -> Fitted:
-    """Two Gaussians and what is left of them, as `kinran residual` chooses it."""
+    """Fit two Gaussian lobes and the residual that `kinran residual` chooses."""
     fitted, priors = _lobes(samples, PAIR)
     domain = f"log:{np.percentile(samples.T, 99.9):.6g}"
     choice = residual.cross_validate(samples, PAIR, priors, domain)

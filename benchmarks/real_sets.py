@@ -17,7 +17,7 @@ Images = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 SIDE = 128
-"""Texels along a side of the part of a set that is fitted, so that all thirteen sets take minutes."""
+"""Texels along a side of the part of a set that is fitted. A choice: all thirteen sets then take minutes."""
 EVERY, FIRST = 8, 4
 """Light number 4, 12, 20, … is held out where a set has no split of its own."""
 ACESCG = np.eye(3)
@@ -35,11 +35,11 @@ class RealSet:
     saturated : (n, y, x, 3) bool
     directions : (n, 3)
     held : (n,) bool
-        Lights that nothing but the judge sees.
+        Whether a light is held out from the fits.
     encoding
         Encoding of the photographs.
     normals : (y, x, 3) or None
-        True ones; 0 where there is no surface.
+        True normals; 0 where there is no surface.
     """
 
     light: Images
@@ -63,12 +63,12 @@ class RealSet:
 
 
 def every_eighth(count: int) -> Mask:
-    """(count,) bool of the lights held out."""
+    """Whether each of `count` lights is held out; (count,) bool."""
     return np.asarray(np.arange(count) % EVERY == FIRST)
 
 
 def dome(*folders: Path) -> RealSet:
-    """8-bit sRGB photographs with a `.lp`, their centre; of two folders the second is held out."""
+    """Read the middle of 8-bit sRGB photographs with a `.lp`; of two folders the second is held out."""
     parts = [_photographs(folder) for folder in folders]
     light, saturated, directions = (np.concatenate([part[k] for part in parts]) for k in range(3))
     own = np.arange(len(light)) >= len(parts[0][0])
@@ -86,7 +86,7 @@ def _photographs(folder: Path) -> tuple[Images, Mask, Array]:
 
 
 def ball(folder: Path) -> RealSet:
-    """Ball of DiLiGenT [Shi2019]: 16 bits, linear, over the strength of each lamp; what is no ball is black."""
+    """Read the ball of DiLiGenT [Shi2019]: 16 bits, linear, over the strength of each lamp; the background is black."""
     names = (folder / "filenames.txt").read_text(encoding="utf-8").split()
     strength = np.loadtxt(folder / "light_intensities.txt")
     read = [photographs.read(folder / name, encoding.parse("linear"), None) for name in names]
@@ -100,7 +100,7 @@ def ball(folder: Path) -> RealSet:
 
 
 def dense(folder: Path) -> RealSet:
-    """Frames of a video with a lamp in hand: the first frame of each direction."""
+    """Read the first frame of each direction of a video with a lamp in hand."""
     listed = np.loadtxt(folder / "lightvec.txt")
     first = np.sort(np.unique(np.round(listed, 6), axis=0, return_index=True)[1])
     read = [photographs.read(folder / f"image{k + 1:04d}.png", encoding.parse("gamma:2.2"), None) for k in first]

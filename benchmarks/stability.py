@@ -1,4 +1,4 @@
-"""Where fits fail, and what holds there: error on lights held out, as each case is made worse."""
+"""Errors of fits on held-out lights as each of several cases is made worse: which methods fail, and which hold."""
 
 import argparse
 import logging
@@ -38,6 +38,7 @@ log = logging.getLogger(__name__)
 Row = dict[str, Any]
 
 TEXELS = 60
+"""Texels of a case, unless it says otherwise. A choice."""
 FOUR, JOINT, PRINTED = "four steps", "Eq. 3, joint", "Eq. 3 as printed, joint"
 GGX, PAIR, TRUSTED, HELD = "GGX lobe", "two Gaussian lobes", "GGX lobe, what fits in", "GGX lobe, prior of the region"
 WEIGHED = "GGX lobe, as much of the prior as lights left out bear"
@@ -67,7 +68,7 @@ def azimuth_wrap(split: Split) -> Iterator[Row]:
 
 
 def narrow(split: Split) -> Iterator[Row]:
-    """Lobes narrower than the grid, whose step is 0.044 in slope."""
+    """Lobes are narrower than the grid, whose step is 0.044 in slope."""
     for width in (0.1, 0.06, 0.04, 0.02, 0.01):
         clean = microfacets(*facets(15, TEXELS, width), split.lights)
         methods = {FOUR: four_steps, JOINT: joint(), GGX: lobes()}
@@ -75,7 +76,7 @@ def narrow(split: Split) -> Iterator[Row]:
 
 
 def saturation(split: Split) -> Iterator[Row]:
-    """Exposures kept, the longest first: what they all saturate at is a bound, not a sample."""
+    """The longest exposures are kept: a sample that saturates in all of them is a bound, not a value."""
     clean = microfacets(*_of_one_region(), split.lights)
     for kept in (5, 4, 3, 2):
         # the shortest of five exposures just reaches the brightest highlight
@@ -95,7 +96,7 @@ def saturation(split: Split) -> Iterator[Row]:
 
 
 def noise(split: Split) -> Iterator[Row]:
-    """Noise of a share of diffuse white."""
+    """Noise is a share of diffuse white."""
     clean = microfacets(*texels(TEXELS), split.lights)
     for sd in (0.001, 0.01, 0.03, 0.1, 0.3):
         seen = noisy(clean, share=0, floor=sd)
@@ -103,7 +104,7 @@ def noise(split: Split) -> Iterator[Row]:
 
 
 def outliers(split: Split) -> Iterator[Row]:
-    """Samples anywhere up to 1.5 peaks."""
+    """Outliers are anywhere up to 1.5 times the peak."""
     clean = microfacets(*texels(TEXELS), split.lights)
     rng = np.random.default_rng(3)
     for percent in (0, 0.5, 2, 5, 10):
@@ -115,7 +116,7 @@ def outliers(split: Split) -> Iterator[Row]:
 
 
 def needles(split: Split) -> Iterator[Row]:
-    """Two lobes may put a needle between two lights; the 95th percentile, since a few texels do."""
+    """Two lobes may put a needle between two lights; the 95th percentile counts, since a few texels do."""
     clean = microfacets(*texels(200), split.lights)
     for count in (100, 50, 30):
         few, order = _thinned(split, count)
@@ -126,7 +127,7 @@ def needles(split: Split) -> Iterator[Row]:
 
 
 def few_directions(split: Split) -> Iterator[Row]:
-    """The 95th percentile, since a few texels explode; shapes differ by 10 % within the region."""
+    """Lights are few, and shapes differ by 10 % in the region; the 95th percentile counts, as a few explode."""
     clean = microfacets(*_of_one_region(200), split.lights)
     alone = {JOINT: joint(), PAIR: lobes("gaussian", 2), GGX: lobes()}
     for count in (int((~split.held).sum()), 100, 50, 30, 16):
@@ -137,7 +138,7 @@ def few_directions(split: Split) -> Iterator[Row]:
 
 
 def two_fabrics(split: Split) -> Iterator[Row]:
-    """A region that holds a second, sharp fabric, under 100 lights: one shape for all is wrong for some."""
+    """A region holds a second, sharp fabric, under 100 lights: one shape for all is wrong for some."""
     few, order = _thinned(split, 100)
     for share in (0, 0.1, 0.3, 0.5):
         shapes, colours = texels(200)
@@ -151,7 +152,7 @@ def two_fabrics(split: Split) -> Iterator[Row]:
 
 
 def diffuse_colour(split: Split) -> Iterator[Row]:
-    """Step 2 takes C_d opposite to the lobe, where the lobe's own tail is, or a shadow: error of C_d, not of T."""
+    """Step 2 takes C_d opposite to the lobe, where the lobe's own tail or a shadow is; the error is that of C_d."""
     theta, phi = frames.angles(split.lights)
     shadow = np.where((np.cos(phi) < -0.5) & (theta > np.radians(40)), 0.1, 1.0)
     for level, shade in ((0.3, None), (0.1, None), (0.01, None), (0.3, shadow)):
@@ -169,7 +170,7 @@ def diffuse_colour(split: Split) -> Iterator[Row]:
 
 
 def second_lobe(split: Split) -> Iterator[Row]:
-    """A wide lobe of the yarns under a sharp one."""
+    """A wide lobe of the yarns lies under a sharp one."""
     sharp, wide = facets(8.0, TEXELS, 0.1), facets(20.0, TEXELS, 0.35)
     for share in (0, 0.1, 0.3, 1):
         clean = microfacets(*sharp, split.lights) + microfacets(wide[0], share * wide[1], split.lights)
@@ -178,7 +179,7 @@ def second_lobe(split: Split) -> Iterator[Row]:
 
 
 def grazing(split: Split) -> Iterator[Row]:
-    """Error at θ_i of 65° and more, for a lobe that brightens there as Fresnel's reflectance does."""
+    """A lobe brightens at grazing light as Fresnel's reflectance does; the error is that at θ_i of 65° and more."""
     clean = microfacets(*texels(TEXELS), split.lights)
     rise = 1 + 2 * (1 - split.lights[:, 2]) ** 5
     clean = (clean * rise).astype(np.float32)
@@ -192,7 +193,7 @@ def grazing(split: Split) -> Iterator[Row]:
 
 
 def degenerate(split: Split) -> Iterator[Row]:
-    """Texels that are no lobe, and samples that are no number."""
+    """Texels have no lobe, or samples that are not finite."""
     clean = microfacets(*texels(TEXELS), split.lights)
     methods = {FOUR: four_steps, GGX: lobes()}
     flat = np.ones_like(clean) * split.lights[:, 2].astype(np.float32)
@@ -240,7 +241,7 @@ def wrong_directions(split: Split) -> Iterator[Row]:
 
 
 def lamp_drift(split: Split) -> Iterator[Row]:
-    """A lamp that fades over the capture; monitors are the repeats of θ = 0 in between."""
+    """The lamp fades over the capture; monitors are the repeats of θ = 0 in between."""
     clean = microfacets(*texels(TEXELS), split.lights)
     shot = np.linspace(0, 1, len(split.lights))
     rng = np.random.default_rng(8)
@@ -273,7 +274,7 @@ CASES = (
     (wrong_directions, GGX, TRUSTED),
     (lamp_drift, DRIFT, MONITORS),
 )
-"""A case, the method that it shows to fail, and the remedy."""
+"""Each case, the method that fails in it, and the remedy that holds."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -298,7 +299,7 @@ def main(args: argparse.Namespace) -> None:
 
 
 def worst(rows: list[Row], fails: str, holds: str) -> Row:
-    """Of a case, the parameter at which one method's error is most above the other's, with both errors."""
+    """Parameter of a case at which one method's error is most above the other's, with both errors."""
     errors = {(row["parameter"], row["method"]): row["error"] for row in rows}
     ratio = {
         parameter: np.inf if error is None else error / max(errors[parameter, holds], 1e-3)
@@ -313,7 +314,7 @@ def worst(rows: list[Row], fails: str, holds: str) -> Row:
 def _rows(
     case: str, parameter: str, split: Split, clean: Single, methods: dict[str, Method], seen: Single | None = None
 ) -> Iterator[Row]:
-    """A row a method; samples with 1 % and 0.003 noise where none are given."""
+    """Rows of all methods; samples have noise of 1 % and 0.003 where none are given."""
     given = noisy(clean) if seen is None else seen
     for name, method in methods.items():
         yield _row(case, parameter, name, split.error(method, clean, given))
@@ -346,7 +347,7 @@ def _thinned(split: Split, count: int) -> tuple[Split, NDArray[np.intp]]:
 
 
 def _held_by_region(lobes: Lobes, full: NDArray[np.bool_] | None = None) -> Method:
-    """As the pipeline fits: under priors learned from half of the texels, and with saturated samples as bounds."""
+    """The fit of the pipeline: under priors learned from half of the texels, and with saturated samples as bounds."""
 
     def method(samples: Samples) -> Fitted:
         priors = learned_priors.learn_priors(samples.of(slice(None, None, 2)), 1, lobes)
@@ -359,14 +360,14 @@ def _held_by_region(lobes: Lobes, full: NDArray[np.bool_] | None = None) -> Meth
 
 
 def _held_as_far(samples: Samples) -> Fitted:
-    """By as much of the region's prior as lights left out bear, as the stage `prior` does."""
+    """The fit under the share of the region's prior that cross-validation leaves, as in the stage `prior`."""
     half = samples.of(slice(None, None, 2))
     priors = shrinkage.weigh(learned_priors.learn_priors(half, 1, Lobes()), half, Lobes())
     return slope.fit(samples, Lobes(), priors)
 
 
 def _trusted(samples: Samples) -> Fitted:
-    """By the samples that the stages `prior` and `fit` trust, with the loss that they take."""
+    """The fit to the samples that the stages `prior` and `fit` trust, with the loss that they take."""
     factors, outliers = trust.learn(samples, Lobes(), 1)
     samples = samples.weighed(factors)
     return robust_weights.robust(samples, Lobes())[0] if outliers else slope.fit(samples, Lobes())

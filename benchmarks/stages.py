@@ -1,4 +1,4 @@
-"""The pipeline's stages on a folder that holds a radiance stack, for benchmarks that judge what they make of it."""
+"""The pipeline's stages on a folder that holds a radiance stack, for benchmarks that judge their results."""
 
 import logging
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from kinran.segment import segment
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Without what the stages say."""
+    """Silence the messages of the stages."""
     logger = logging.getLogger("kinran")
     level = logger.level
     logger.setLevel(logging.WARNING)
@@ -24,7 +24,7 @@ def quiet() -> Iterator[None]:
 
 
 def segmented(folder: Path) -> Fabric:
-    """The fabric of a folder's stack, with its regions."""
+    """Segment a folder's stack, and return the fabric with its regions."""
     segment.main(folder)
     return Fabric(folder)
 

@@ -1,4 +1,4 @@
-"""Texels with known lobes, their radiance, and what the methods make of it."""
+"""Texels with known lobes, their radiance, and methods that fit it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ def radiance(shapes: Array, colours: Array, lights: Array, tail: str = "ggx") ->
 
 
 def microfacets(shapes: Array, colours: Array, lights: Array) -> Single:
-    """As `radiance`, for what no fit here assumes: shadowed GGX microfacets about a tilted normal [Walter2007]."""
+    """T of a model that no fit assumes: shadowed GGX microfacets [Walter2007] on a tilted normal; see `radiance`."""
     n = np.concatenate([shapes[:, :2], np.ones((len(shapes), 1))], 1)
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     t = np.array([1.0, 0, 0]) - n[:, :1] * n
@@ -127,7 +127,7 @@ class Split:
 
     @classmethod
     def of_grid(cls, azimuths: int = 24) -> "Split":
-        """The grid of `grid`."""
+        """Split the lights of `grid`."""
         lights = grid(azimuths=azimuths)
         ring, azimuth = np.divmod(np.arange(len(lights) - 1), azimuths)
         return cls(lights, np.r_[False, (ring + 1 + azimuth) % 4 == 0])
@@ -144,16 +144,16 @@ class Split:
 
 
 def lobes(tail: str = "ggx", count: int = 1, narrow: float | None = None) -> Method:
-    """The method of `kinran.fit.slope`."""
+    """Method that fits lobes by `kinran.fit.slope`."""
     return lambda samples: slope.fit(samples, Lobes(tail, count), narrow=narrow)
 
 
 def four_steps(samples: Samples) -> takeda.TakedaFit:
-    """The method of the paper, with half a step of the grid as the tolerance of θ and φ."""
+    """Fit by the four steps of the paper, with half a step of the grid as the tolerance of θ and φ."""
     phi = np.unique(np.round(frames.angles(samples.under.directions)[1], 6))
     return takeda.four_steps(samples, np.radians(2.5), float(0.51 * np.median(np.diff(phi))))
 
 
 def joint(wrap: bool = True) -> Method:
-    """Eq. 3 by non-linear least squares, its azimuth wrapped or as printed."""
+    """Method that fits Eq. 3 by non-linear least squares, its azimuth wrapped or as printed."""
     return lambda samples: takeda_joint.fit(samples, four_steps(samples), wrap)

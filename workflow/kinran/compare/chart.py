@@ -1,7 +1,7 @@
 """Chart accuracy against speed: methods of one kind on the held-out lights of one fabric.
 
 All methods, the baselines too, see training lights alone. Of maps larger than 128 × 128 texels the middle is
-taken. What each column means stands in docs/chart.md.
+taken. docs/chart.md explains each column.
 """
 
 from dataclasses import dataclass
@@ -16,23 +16,29 @@ from kinran.data.fabric import Fabric
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the stage reads."""
+    """Files that the stage reads."""
 
     fabric: Annotated[Path, "folder of the fabric: radiance.zarr, labels.exr, regions.json"]
     material: Annotated[Path | None, "material of the pipeline (.exr), for the kind default"] = None
-    summary: Annotated[Path | None, "what that material cost (.json)"] = None
+    summary: Annotated[Path | None, "cost of that material (.json)"] = None
 
 
 @dataclass(frozen=True)
 class Options:
-    """What is tried, and what the rows are called."""
+    """Kind of the methods, and name of the fabric in the rows."""
 
     name: Annotated[str, "name of the fabric"]
     kind: Annotated[str, "kind of the methods: a file of kinran/compare/methods, or default"]
 
 
 def main(inputs: Inputs, out: Annotated[Path, "OUT", "table (.csv)"], options: Options) -> None:
-    """Write the table of a kind of method."""
+    """Write the table of a kind of method.
+
+    Raises
+    ------
+    InputError
+        The kind is unknown, the fabric has no held-out light, or a file of the default is missing.
+    """
     name = check_name(options.name, "fabric")
     fabric = Fabric(inputs.fabric)
     if options.kind in kinds():

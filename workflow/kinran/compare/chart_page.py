@@ -1,4 +1,4 @@
-"""Write the page of all charts: for each fabric where the default stands, the chart, and its table.
+"""Write the page of all charts: for each fabric the place of the default, the chart and its table.
 
 The page is one file that needs no network. A pointer over a method, in a chart or a table, picks it out everywhere
 and says its values.
@@ -35,10 +35,10 @@ EXPLORER = (1290, 520)
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the stage reads."""
+    """Files that the stage reads."""
 
     charts: Annotated[tuple[Path, ...], "tables of the fabrics (.csv)"]
-    stability: Annotated[Path | None, "where methods fail, of `kinran bench stability` (.json)"] = None
+    stability: Annotated[Path | None, "table of `kinran bench stability` (.json)"] = None
 
 
 def main(inputs: Inputs, out: Annotated[Path, "OUT", "page (.html)"]) -> None:
@@ -55,7 +55,7 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "page (.html)"]) -> None:
 
 
 def fabric(table: list[Row]) -> dict[str, Any]:
-    """What the page shows of one fabric: a plot for each cost and measure, all panels, and the table."""
+    """Values of one fabric's part of the page: a plot for each cost and measure, all panels, and the table."""
     measure = front.judged(table)
     whole = sorted((row for row in table if row.experiment == "all"), key=lambda row: front.error(row, measure))
     return {
@@ -82,7 +82,7 @@ def fabric(table: list[Row]) -> dict[str, Any]:
 
 
 def _number(value: float, form: str) -> str:
-    """A number in its form, by default three figures without an exponent; nothing for none."""
+    """Format a number, by default with three figures and no exponent; empty for NaN."""
     if math.isnan(value):
         return ""
     if form:

@@ -1,7 +1,7 @@
-"""How many labels are right: regions by Mahalanobis distance beside k-means and EM, on a fabric whose truth is known.
+"""Chart the share of right labels of Mahalanobis distance, k-means and EM, on a fabric whose truth is known.
 
 The truth is the geometry of the virtual fabric. All methods see the same statistics over the training lights and the
-same number of regions; a region that is found counts as the thread that most of its texels are.
+same number of regions; a region counts as the thread of most of its texels.
 """
 
 import json
@@ -27,19 +27,19 @@ log = logging.getLogger(__name__)
 Labels = NDArray[np.intp]
 
 PURE = 0.9
-"""Texels of which one thread fills more than this share are pure. A choice: an edge within a texel's tenth is left."""
+"""Share that one thread has to exceed for a texel to be pure. A choice: an edge within a texel's tenth is left."""
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the stage reads."""
+    """Files that the stage reads."""
 
     fabric: Annotated[Path, "folder of the fabric, of the virtual rig: radiance.zarr, labels.exr"]
 
 
 @dataclass(frozen=True)
 class Options:
-    """What the fabric is."""
+    """Name and geometry of the fabric."""
 
     name: Annotated[str, "name of the fabric"]
     scene: Annotated[str, "the virtual fabric, as JSON"]
@@ -71,7 +71,7 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "table (.csv)"], options: O
 
 
 def right(labels: Labels, truth: Labels, pure: NDArray[np.bool_]) -> dict[str, float]:
-    """Share of right labels (texel,) among all texels and among the pure ones."""
+    """Share of right labels (texel,) among all texels, and among the pure ones (texel,)."""
     named = np.zeros(int(labels.max()) + 1, np.intp)
     for k in np.unique(labels):
         named[k] = np.bincount(truth[labels == k]).argmax()

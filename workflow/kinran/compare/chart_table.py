@@ -1,4 +1,4 @@
-"""Join the tables of a fabric's methods, draw them, and say where the default stands."""
+"""Join the tables of a fabric's methods, draw the chart, and log the place of the default."""
 
 import logging
 from collections.abc import Sequence
@@ -17,14 +17,14 @@ FAMILIES = ("default", "kinran", "paper", "baseline")
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the stage reads."""
+    """Files that the stage reads."""
 
     tables: Annotated[tuple[Path, ...], "tables of the methods (.csv)"]
 
 
 @dataclass(frozen=True)
 class Outputs:
-    """What the stage writes."""
+    """Files that the stage writes."""
 
     out: Annotated[Path, "OUT", "table (.csv)"]
     pictures: Annotated[tuple[Path, ...], "the chart as .svg and .png"] = ()
@@ -36,7 +36,7 @@ def main(inputs: Inputs, out: Outputs) -> None:
 
 
 def write(path: Path, table: list[Row], pictures: Sequence[Path]) -> None:
-    """Write rows in order with one floor, and their chart; log where the default stands."""
+    """Write rows in order with one floor, and their chart; log the place of the default."""
     table = joined(table)
     rows.write(path, table)
     for picture in pictures:
@@ -46,7 +46,7 @@ def write(path: Path, table: list[Row], pictures: Sequence[Path]) -> None:
 
 
 def joined(table: list[Row]) -> list[Row]:
-    """Rows by experiment as they came, families and their methods from the smallest on; the least of the floors.
+    """Order rows by experiment, by family and by bytes of the method, and keep the least of the floors.
 
     The floor is measured by every job: the least is that of the quietest moment.
     """

@@ -22,21 +22,28 @@ from kinran_bsdf.material import Material, read_material
 
 FAMILY = "default"
 COSTS = {"microseconds": "microseconds_per_texel", "bytes": "bytes_per_texel", "peak_mb": "peak_mb"}
-"""Measures of the chart, and where a summary of the pipeline has them."""
+"""Names of the chart's costs, and the names that a summary of the pipeline has for them."""
 
 
 def run(tried: Trial, name: str, fabric: Fabric, material: Path, summary: Path) -> list[Row]:
     """Rows of the default.
 
-    Its errors under all lights are those of the file, its time and bytes those of the pipeline's run. Memory, and
-    the errors with less, are measured on its model fitted again to the trial.
+    The errors under all lights are those of the file, time and bytes those of the pipeline's run. Memory, and errors
+    with fewer lights or exposures, are measured on the model, which is fitted again to the trial.
 
     Parameters
     ----------
     tried
-        Trial of the fabric, whose rows bear this name.
+        Trial of the fabric.
+    name
+        Name of the fabric in the rows.
     material, summary
-        What the pipeline wrote (.exr, .json).
+        Material (.exr) and summary (.json) that the pipeline wrote.
+
+    Raises
+    ------
+    InputError
+        The material is not of the size of the fabric.
     """
     maps = read_material(material)
     if maps.size != (fabric.stack.height, fabric.stack.width):
@@ -52,7 +59,7 @@ def run(tried: Trial, name: str, fabric: Fabric, material: Path, summary: Path) 
 
 
 def said(material: Material, stack: Stack) -> Single:
-    """What a material says that a stack holds of a trial's texels under the held-out lights: (texel, 3, light)."""
+    """Prediction (texel, 3, light) of a material under the held-out lights, for the texels of a stack's trial."""
     return by_texel(material_prediction.predict(material, stack, middle(stack), np.flatnonzero(stack.held_out)))
 
 
@@ -67,4 +74,4 @@ AGAIN: dict[str, Callable[[Trial, Material], Fitted]] = {
     "takeda2008": lambda tried, _: takeda.four_steps(tried),
     "lambert": lambda tried, _: lambert.fit(tried.samples),
 }
-"""A material's model, fitted to a trial."""
+"""Functions that fit the model of a material to a trial, by the name of the model."""

@@ -1,4 +1,4 @@
-"""How far predictions are from held-out samples, in the measures of the chart."""
+"""Errors of predictions on held-out samples, in the measures of the chart."""
 
 from itertools import pairwise
 
@@ -16,7 +16,7 @@ Single = NDArray[np.float32]
 SSIM_SIGMA, SSIM_K1, SSIM_K2 = 1.5, 0.01, 0.03
 """Window, in texels, and constants of [Wang2004]."""
 SSIM_LIGHTS = 24
-"""Held-out lights, at most, whose images are compared: it takes longer than all other measures. A choice."""
+"""Most held-out lights whose images are compared by SSIM, which takes longer than all other measures. A choice."""
 BANDS = (0, 30, 50, 65, 90)
 """Bounds of the bands of θ, degrees. A choice."""
 EXACT = 1e-10
@@ -31,7 +31,7 @@ def squares(predicted: Single, trial: Trial) -> tuple[Array, Array]:
 
 
 def summary(predicted: Single, trial: Trial) -> dict[str, float]:
-    """All measures of a prediction (texel, 3, light) of what is measured under the held-out lights.
+    """All measures of a prediction (texel, 3, light) on the held-out lights.
 
     `relative_error` √(Σ w e² / Σ w g²) in the stack's RGB; `log_error` the mean |ln((m + ε) / (g + ε))| with
     ε = p99.9 / 500, about a relative error that weighs dark samples like bright ones; `texel_p95` and
@@ -56,14 +56,14 @@ def summary(predicted: Single, trial: Trial) -> dict[str, float]:
 def criteria(fitted: Single, trial: Trial, numbers: float) -> dict[str, float]:
     """Akaike's and Schwarz's criteria, n ln(RSS / n) + 2 k and + k ln n, mean over texels; less is better.
 
-    Both take what a model leaves for noise, which it is not; nothing for what goes through its samples.
+    Both take the residual of a model for noise, which it is not. A model that goes through its samples has none.
 
     Parameters
     ----------
     fitted : (texel, 3, light) float32
-        T of the training samples, as a model has it.
+        T that the model predicts of the training samples.
     numbers
-        k, of a texel.
+        Numbers k of a texel.
     """
     samples = trial.samples
     used = samples.W[:, None] > 0
@@ -107,14 +107,14 @@ def by_region(predicted: Single, trial: Trial) -> dict[str, float]:
 
 
 def psnr(predicted: Single, trial: Trial) -> Array:
-    """PSNR (light,), in dB, of displayed values in the stack's RGB, as `kinran evaluate` has it."""
+    """PSNR (light,), in dB, of displayed values in the stack's RGB, as `kinran evaluate` computes it."""
     p, g, v = (np.moveaxis(a, -1, 0) for a in (predicted, trial.truth, trial.valid.astype(np.float32)))
     shown = [metrics.to_display(a, trial.coder, trial.peak) for a in (p, g)]
     return np.array([metrics.psnr(*of_light) for of_light in zip(*shown, v, strict=True)])
 
 
 def pictures(predicted: Single, trial: Trial) -> dict[str, float]:
-    """PSNR and SSIM in linear and in display values; nothing for a trial that is no picture."""
+    """PSNR and SSIM in linear and in display values; empty for a trial whose texels are no whole picture."""
     height, width = trial.shape
     if height * width != trial.texels:
         return {}

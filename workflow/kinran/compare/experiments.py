@@ -1,4 +1,4 @@
-"""The experiments of the chart: a method on all lights, then with less."""
+"""The experiments of the chart: a method on all lights, then with fewer lights or exposures."""
 
 import logging
 from collections.abc import Iterable, Iterator
@@ -14,15 +14,15 @@ from kinran.compare.trial import Single, Trial, spread
 log = logging.getLogger(__name__)
 
 DIRECTIONS = (300, 100, 50, 30, 16)
-"""Lights that methods are given. A choice: from those of a goniometer down to less than a small dome has."""
+"""Numbers of lights that methods are given. A choice: from a goniometer's down to fewer than a small dome has."""
 SOME, SAMPLES = 600, 200_000
-"""Experiments with less light are made with 600 texels, and with more under so few lights that these are quick."""
+"""Fewest texels, and number of samples, of experiments with fewer lights: few lights allow more texels. Choices."""
 EXTRAPOLATE_FROM = 50.0
 """Degrees of θ up to which lights are seen where the steeper ones are judged. A choice: a band ends there."""
 LEAST_EXPOSURES = 2
-"""One exposure is no bracket."""
+"""Fewest exposures that are tried: one is no bracket."""
 WARM = 24
-"""Texels that a method is fitted to before the clock starts: compiled code loads by the types, not by the size."""
+"""Texels that a method is fitted to before the clock starts: code is compiled for types, whatever the size."""
 
 
 def run(trial: Trial, fabric: str, methods: Iterable[Method]) -> list[Row]:
@@ -38,7 +38,7 @@ def run(trial: Trial, fabric: str, methods: Iterable[Method]) -> list[Row]:
 
 
 def floor(trial: Trial, fabric: str) -> Row:
-    """What reading the training samples of a texel once costs; its setting is the measure that the front goes by."""
+    """Row of the time to read a texel's training samples once; its setting is the measure of the front."""
     judge = "psnr_display" if trial.coder else "relative_error"
     microseconds = 1e6 * trial.samples.T[0].nbytes / meter.bandwidth()
     values = {"microseconds": microseconds}
@@ -46,7 +46,7 @@ def floor(trial: Trial, fabric: str) -> Row:
 
 
 def measure(method: Method, trial: Trial) -> tuple[Single, dict[str, float]]:
-    """Fit to the whole trial: predictions under the held-out lights, and what they cost."""
+    """Fit a method to the whole trial, and return predictions under the held-out lights and costs."""
     method.fit(trial.thinned(WARM))  # compiles
     fitted, cost = meter.measure(lambda: method.fit(trial))
     size = bytes_per_texel(fitted, trial.texels)

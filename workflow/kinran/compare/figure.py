@@ -1,4 +1,4 @@
-"""The chart as a drawing: error against what it costs, then against what was captured."""
+"""The chart as a drawing: error against cost, then over the amount of capture."""
 
 import math
 import textwrap
@@ -16,7 +16,8 @@ PLATES = (
     ("microseconds", "other"),
     ("microseconds", "ssim_display"),
 )
-"""Cost and measure of each panel; an empty one is what the fabric is judged by, ``other`` what it is not."""
+"""Cost and measure of each panel. An empty measure is that by which the fabric is judged, PSNR or relative error;
+``other`` is the other one of the two."""
 SWEEPS = (
     ("directions", "relative_error", "Fewer lights", "number of light directions fitted, spread evenly", "number"),
     ("directions", "texels_above_1", "Fewer lights", "number of light directions fitted, spread evenly", "number"),
@@ -26,11 +27,11 @@ SWEEPS = (
     ("extrapolation", "relative_error", "Beyond the lights", "θ of the judged light, fitted to θ ≤ 50° alone", "band"),
     ("region", "relative_error", "By region", "region of the fabric", "name"),
 )
-"""Experiment, measure, heading, what lies across, kind of its settings."""
+"""Experiment, measure, heading, label across, and kind of the settings of each panel."""
 
 
 def draw(rows: list[Row], heading: bool = True) -> Canvas:
-    """All panels of a fabric and, as a heading, what they say about the default."""
+    """Draw all panels of a fabric, under the sentences on the default as a heading."""
     drawn = _panels(rows)
     words = [part for sentence in front.verdict(rows) for part in textwrap.wrap(sentence, 185)] if heading else []
     head = 58 + 18 * len(words) if heading else 0

@@ -19,14 +19,14 @@ def fit(samples: Samples, lobes: Lobes) -> SlopeFit:
 
 
 def priors(samples: Samples, lobes: Lobes) -> list[Prior]:
-    """Priors of regions that all have texels, from as many of these as the pipeline takes."""
+    """Learn priors from as many texels of each region as the pipeline takes; every region has texels."""
     regions = int(samples.region.max()) + 1
     some = np.flatnonzero(spread_over_regions(samples.region, regions, learned_priors.SAMPLE))
     return learned_priors.learn_priors(samples.of(some), regions, lobes)
 
 
 def of_present_regions(samples: Samples) -> Samples:
-    """Samples whose regions are counted without those that have no texel here, which then share none either."""
+    """Number the regions anew without those that have no texel here; these then share no texel either."""
     present, region = np.unique(samples.region, return_inverse=True)
     shared = np.isin(samples.second, present)
     second = np.where(shared, np.searchsorted(present, samples.second), region)

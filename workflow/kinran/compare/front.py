@@ -1,4 +1,4 @@
-"""Which methods lie on the front of time, bytes and error, and where the default stands."""
+"""The Pareto front of methods in time, bytes and error, and the place of the default."""
 
 import math
 from collections.abc import Sequence
@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from kinran.compare.rows import Row
 
 SLACK = (1.15, 1.1, 1.02)
-"""Within these factors two methods are equal: times vary by as much from run to run."""
+"""Factors of time, bytes and error within which two methods are equal: times vary by as much from run to run."""
 CLEAR = (1.5, 1.25, 1.05)
+"""Factors of time, bytes and error from which one method is clearly better. Choices."""
 
 
 def beats(row: Sequence[float], other: Sequence[float]) -> bool:
@@ -46,7 +47,7 @@ def line(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
 
 
 def verdict(rows: list[Row]) -> list[str]:
-    """What the chart says about the default, in sentences.
+    """Sentences on the place of the default in the chart.
 
     Parameters
     ----------
@@ -68,7 +69,7 @@ def verdict(rows: list[Row]) -> list[str]:
         )
         if worse:
             names = ", ".join(f"{other.method} ({_how_far(other, row, measure)})" for other in worse)
-            place += f" It is not on the front: {names}: as accurate, no dearer, and better in something."
+            place += f" It is not on the front: {names}; each is as accurate, no dearer and better in something."
         else:
             place += " It is on the front: none that is as accurate is as fast and as small."
         sentences.append(place)
@@ -76,7 +77,7 @@ def verdict(rows: list[Row]) -> list[str]:
 
 
 def _how_far(other: Row, row: Row, measure: str) -> str:
-    """How a row compares with one that it beats, in factors."""
+    """Factors of error, time and bytes between a row and the one that it beats, in words."""
     parts = (
         ("error", error(other, measure) / error(row, measure)),
         ("time", other["microseconds"] / row["microseconds"]),

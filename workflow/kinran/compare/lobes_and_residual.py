@@ -1,4 +1,4 @@
-"""Lobes and, on top, a few principal components over lights of what they leave, in display-like values."""
+"""Lobes with a residual: a few principal components over lights of the remainder, in display-like values."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ from kinran_bsdf.residual import Residual, expand
 Single = NDArray[np.float32]
 
 SMOOTHING = 1e-2
-"""Of thin plates: one of those that the pipeline chooses from by cross-validation, which takes no part in the chart."""
+"""Smoothing of thin plates: one of those that `kinran residual` chooses from; the chart does not cross-validate."""
 
 
 @dataclass(frozen=True)
@@ -30,11 +30,11 @@ class ResidualFit:
     Attributes
     ----------
     lobes
-        The fit that leaves it.
+        Fit of the lobes.
     residual
-        How it depends on the light.
+        Dependence of the residual on the light.
     maps : (count + 1, texel · 3) float32
-        Its mean and components.
+        Mean and components of the residual.
     """
 
     lobes: SlopeFit
@@ -52,7 +52,7 @@ class ResidualFit:
         return self.residual.weights.size
 
     def predict(self, under: Under) -> Single:
-        """T (texel, 3, light) under some lights, square on, in the unit of the samples."""
+        """T (texel, 3, light) under some lights, without falloff, in the unit of the samples."""
         domain, factors = self.residual.domain, self.residual.basis(under.directions).astype(np.float32)
         shown = by_light(under.reaching(self.lobes.predict(under)), domain)
         light = expand(np.float32(self.residual.share) * shown + factors @ self.maps, domain)
@@ -66,11 +66,11 @@ def fit(trial: Trial, wanted: Lobes, components: int, share: float = 1.0) -> Fit
     Parameters
     ----------
     wanted
-        Lobes; under few lights one of GGX, as in the pipeline.
+        Lobes that are fitted; under few lights it is one of GGX, as in the pipeline.
     components
         Number of components; 0 for lobes alone.
     share
-        Part of the lobes in a picture.
+        Share of the lobes in a picture.
     """
     few = trial.samples.under.count < FEW_LIGHTS
     fitted = fitted_lobes.fit(trial.samples, Lobes("ggx", 1) if few else wanted)
@@ -80,7 +80,7 @@ def fit(trial: Trial, wanted: Lobes, components: int, share: float = 1.0) -> Fit
 
 
 def domain_of(trial: Trial) -> str:
-    """Values in which a trial's residual is: those of its photographs, or the logarithm of radiance."""
+    """Name of the values in which a trial's residual is: those of its photographs, or the logarithm of radiance."""
     if trial.coder:
         return trial.coder.name
     return f"log:{np.percentile(trial.samples.under.reaching(trial.samples.T), 99.9):.6g}"
@@ -94,7 +94,7 @@ def left_by(
     share: float = 1.0,
     smoothing: float | None = SMOOTHING,
 ) -> ResidualFit:
-    """The residual that a fit leaves of its samples, as `kinran residual` makes it of a material's."""
+    """Add to a fit the residual that it leaves of its samples, as `kinran residual` does for a material."""
     under = samples.under
     seen, said = (by_light(under.reaching(T), domain) for T in (samples.T, fitted.predict(under)))
     left = remainder(seen, said, domain, share)

@@ -1,4 +1,4 @@
-"""What a method costs: processor time, memory, and the floor that reading the samples once sets."""
+"""Costs of a method: processor time, memory, and the floor that reading the samples once sets."""
 
 import ctypes
 import time
@@ -13,12 +13,12 @@ R = TypeVar("R")
 
 PROC = Path("/proc/self")
 REPEAT_UNDER = 0.5
-"""Methods that take less than this many seconds are timed three times; the least counts."""
+"""Seconds under which a method is timed three times; the least time counts. A choice."""
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Seconds of processor time, MiB of memory above what was held before (-1: cannot be told), and of the process."""
+    """Seconds of processor time, MiB of memory above that held before (-1 if unknown), and peak MiB of the process."""
 
     seconds: float
     memory: float
@@ -26,7 +26,7 @@ class Cost:
 
 
 def measure(work: Callable[[], R]) -> tuple[R, Cost]:
-    """Result of a piece of work, and its cost."""
+    """Do a piece of work, and return its result and its cost."""
     before = _resident("VmRSS") if _reset_peak() else -1.0
     start = time.process_time()
     result = work()

@@ -1,4 +1,4 @@
-"""What a method of the chart is: a trial's training samples in, a fit out that predicts and has a size."""
+"""Methods of the chart: each takes a trial's training samples and returns a fit that predicts and has a size."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,11 +26,11 @@ class Method:
     name, family
         Family is ``baseline``, ``paper`` or ``kinran``.
     fit
-        From a trial, of which it uses the training samples alone.
+        Function from a trial, of which it uses the training samples alone, to a fit.
     least_lights
-        Below so many lights it is not tried.
+        Fewest lights that the method is tried with.
     swept
-        Whether it is tried with fewer lights and exposures, too.
+        Whether the method is tried with fewer lights and exposures, too.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Method:
 
 
 def bytes_per_texel(fitted: Fitted, texels: int) -> float:
-    """Bytes of a texel, with its part of what is shared by so many."""
+    """Bytes per texel, with an equal part of the numbers that all texels share."""
     return NUMBER * (fitted.numbers + fitted.shared / texels)
 
 
@@ -63,11 +63,11 @@ class Encoded:
         return self.fitted.shared
 
     def predict(self, under: Under) -> NDArray[np.float32]:
-        """T (texel, 3, light) under some lights, square on, in the unit of the samples."""
+        """T (texel, 3, light) under some lights, without falloff, in the unit of the samples."""
         return self.coder.decode(np.clip(self.fitted.predict(under), 0, 1))
 
 
 def fit_encoded(trial: Trial, fit: Callable[[Samples], Fitted]) -> Fitted:
-    """A fit to a trial's samples as its photographs hold them, which is how it does best; to radiance as it is."""
+    """Fit a trial's samples in the encoding of its photographs, in which a baseline does best; radiance as it is."""
     fitted = fit(trial.encoded())
     return Encoded(fitted, trial.coder) if trial.coder else fitted

@@ -1,4 +1,4 @@
-"""Panels of the chart: error against what it costs, error over what was captured, wrong labels."""
+"""Panels of the chart: error against cost, error over the amount of capture, wrong labels."""
 
 import math
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ MEASURES = {
     "texels_above_1": "share of texels with an error over 1",
 }
 LEAST = {"microseconds": 0.02, "bytes": 1.0, "memory_mb": 1.0}
-"""Costs below are drawn here, at the left edge."""
+"""Costs below these are drawn at the left edge."""
 FAMILIES = {"baseline": "#3b6ea5", "paper": "#a33a32", "kinran": "#b5872b", "default": "#2b2723"}
 LINES = (
     "#2b2723", "#e69f00", "#0072b2", "#009e73", "#cc3311", "#56b4e9", "#aa3377", "#8c6d1f", "#44aa99", "#7a5195",
@@ -39,7 +39,7 @@ SPREAD = 0.7
 
 
 def against_cost(rows: list[Row], cost: str, measure: str, size: tuple[int, int] = SIZE) -> Canvas | None:
-    """Methods as dots on logarithmic axes (of likeness on a linear one); None where nothing was measured.
+    """Draw methods as dots on logarithmic axes (PSNR and SSIM on a linear one); None where nothing was measured.
 
     Methods on the front of the panel, to which no fit is both cheaper and better, are filled and joined by a line.
     """
@@ -65,7 +65,7 @@ def against_cost(rows: list[Row], cost: str, measure: str, size: tuple[int, int]
 
 
 def counts(row: Row, cost: str) -> bool:
-    """Whether a method can be on the front of a cost: what keeps its samples whole has no fit to cost anything."""
+    """Whether a method can be on the front of a cost: one that keeps all samples has no fit whose cost could count."""
     return cost == "bytes" or row["bytes"] < 6 * row.lights
 
 
@@ -82,7 +82,7 @@ def _values(row: Row) -> str:
 
 
 def _floor(floor: Row) -> str:
-    """What memory bandwidth allows, in words; a texel's sample under a light is three numbers of four bytes."""
+    """The floor of memory bandwidth, in words; a texel's sample under a light is three numbers of four bytes."""
     rate = 12e-3 * floor.lights / floor["microseconds"]
     return f"floor {floor['microseconds']:.2g} µs: the samples read once, at {rate:.2g} GB/s"
 
@@ -97,16 +97,16 @@ def _legend(canvas: Canvas) -> None:
 
 
 def over_settings(rows: list[Row], measure: str, heading: str, across: str, kind: str, names: Sequence[str]) -> Canvas:
-    """A measure of each method over settings, which stand at even distances.
+    """Draw a measure of each method over settings, which stand at even distances.
 
     Parameters
     ----------
     across
-        What the settings are.
+        Label of the axis of settings.
     kind
-        Of the settings: ``number`` (from the least on), ``band`` (in their order), ``name`` (no order: no lines).
+        Kind of the settings: ``number`` (from the least on), ``band`` (in their order), ``name`` (no order: no lines).
     names
-        Of the methods, in the order of their colours; the first is drawn boldly.
+        Methods in the order of their colours; the first is drawn boldly.
     """
     settings = list(dict.fromkeys(row.setting for row in rows))
     if kind == "number":
@@ -135,7 +135,7 @@ def over_settings(rows: list[Row], measure: str, heading: str, across: str, kind
 
 
 def wrong_labels(rows: Sequence[Row]) -> Canvas:
-    """Share of texels with the wrong label, by method, as bars."""
+    """Draw the share of texels with the wrong label, by method, as bars."""
     settings = dict.fromkeys(row.setting for row in rows)
     groups = [(setting, [_bar(row) for row in rows if row.setting == setting]) for setting in settings]
     return plots.bars(groups, SIZE[0], "texels with the wrong label, % (truth from the geometry)")

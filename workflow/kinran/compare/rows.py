@@ -39,14 +39,14 @@ class Row:
         ``region``; ``floor`` holds the time that reading the samples once takes, ``segmentation`` how many labels
         are right.
     setting
-        Number of directions or exposures, band of θ, name of the region, which texels; empty for ``all``; of the
-        floor the measure that the front goes by.
+        Number of directions or exposures, band of θ, name of the region, or kind of texels; empty for ``all``. For
+        ``floor`` it is the measure that the front is judged by.
     family
         ``baseline``, ``paper``, ``kinran``, or ``default`` for the material that the pipeline wrote.
     lights
         Number of training lights.
     values
-        Of `MEASURES`, those that apply.
+        Values of those `MEASURES` that apply, by name.
     """
 
     fabric: str
@@ -62,7 +62,7 @@ class Row:
 
 
 def write(path: Path, rows: list[Row]) -> None:
-    """Write rows as CSV; what does not apply is empty."""
+    """Write rows as CSV; measures that do not apply are empty."""
     with atomic(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow([*KEYS, *MEASURES])
@@ -72,7 +72,7 @@ def write(path: Path, rows: list[Row]) -> None:
 
 
 def read(path: Path) -> list[Row]:
-    """Read rows.
+    """Read the rows of a table.
 
     Raises
     ------

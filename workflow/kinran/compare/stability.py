@@ -1,4 +1,4 @@
-"""The table of stability: where each method fails, and what holds there."""
+"""The table of stability: the cases in which methods fail, and the remedies that hold there."""
 
 from pathlib import Path
 from typing import Any
@@ -12,16 +12,16 @@ NEEDED = {
     "summary": {"case", "parameter", "fails", "error_failing", "holds", "error_holding"},
 }
 FAILED, HELD = 0.5, 0.2
-"""Errors over the one are failures, and under the other held, for the colours of the table."""
+"""Errors above which a method failed, and below which it held, for the colours of the table. Choices."""
 
 
 def read(path: Path) -> Values:
-    """Rows and summary as `kinran bench stability` writes them; an error of None is no number.
+    """Read rows and summary as `kinran bench stability` writes them; an error of None was not finite.
 
     Raises
     ------
     InputError
-        The file is no such table.
+        The file is missing or is no such table.
     """
     value: Values = read_json(path)
     for name, keys in NEEDED.items():
@@ -32,7 +32,7 @@ def read(path: Path) -> Values:
 
 
 def tables(value: Values) -> Values:
-    """What a page shows: a line a case, and a table a case with its parameter down and methods across."""
+    """Values of the page: for each case a line of the summary, and a table with parameters down and methods across."""
     rows = value["rows"]
     cases = []
     for name in dict.fromkeys(row["case"] for row in rows):

@@ -1,4 +1,4 @@
-"""What methods are tried on: training samples that they see, and held-out photographs that they are judged by."""
+"""Trials of methods: training samples that they see, and held-out photographs that they are judged by."""
 
 from dataclasses import dataclass, replace
 
@@ -19,7 +19,7 @@ Single = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 SIDE = 128
-"""Of larger maps the middle 128 × 128 texels are taken: a choice, so that the chart of a fabric takes minutes."""
+"""Most texels along each side of a trial, from the middle of the map. A choice: a chart then takes minutes."""
 FULL = 0.99
 """Share of a sensor's full well that an exposure of the bracket is taken to hold. A choice: with it the chart's errors
 under three exposures are those of frames of three exposures that were merged for real (docs/chart.md)."""
@@ -40,13 +40,13 @@ class Trial:
     truth : (texel, 3, light) float32
         Radiance under the held-out lights as measured, in the stack's unit.
     valid : (texel, 3, light) bool
-        Held-out samples that can be judged by.
+        Whether a held-out sample is valid, so that predictions can be judged by it.
     share : (light,)
         Share of the sphere that each held-out light stands for.
     regions
         Names of the fabric's regions.
     shape
-        (y, x).
+        Rows and columns of the texels.
     coder
         Encoding of photographs; None for radiance.
     peak
@@ -76,7 +76,7 @@ class Trial:
         return len(self.samples)
 
     def measured(self, fitted: Fitted) -> Single:
-        """What a fitted method says that the stack holds under the held-out lights: (texel, 3, light)."""
+        """Prediction (texel, 3, light) of a fit under the held-out lights, with falloff, in the unit of the stack."""
         return self.held.reaching(fitted.predict(self.held))
 
     def encoded(self) -> Samples:
@@ -84,7 +84,7 @@ class Trial:
         return replace(self.samples, T=self.coder.encode(self.samples.T)) if self.coder else self.samples
 
     def decoded(self, values: Single) -> Single:
-        """Linear light of what a method says in the values of `encoded`."""
+        """Linear light of predictions that are in the values of `encoded`."""
         return self.coder.decode(np.clip(values, 0, 1)) if self.coder else values
 
     def under(self, use: NDArray[np.intp]) -> "Trial":
@@ -101,7 +101,7 @@ class Trial:
         return self.of(np.linspace(0, self.texels - 1, min(most, self.texels)).astype(np.intp))
 
     def with_exposures(self, kept: int) -> "Trial":
-        """The trial as if only the `kept` longest exposures had been taken: what is brighter is clipped."""
+        """The trial as if only the `kept` longest exposures had been taken; brighter samples are clipped."""
         clip = self.clips[kept - 1].astype(np.float32)[:, None]
         seen, W = self.samples.under.reaching(self.samples.T), self.samples.W
         full = (clip <= seen).any(1)
@@ -145,7 +145,7 @@ def read(fabric: Fabric) -> Trial:
 
 
 def middle(stack: Stack) -> Box:
-    """The texels of a stack that methods are tried on."""
+    """Box of the texels of a stack that methods are tried on."""
     height, width = min(stack.height, SIDE), min(stack.width, SIDE)
     y, x = (stack.height - height) // 2, (stack.width - width) // 2
     return y, y + height, x, x + width

@@ -1,7 +1,7 @@
-"""A fit gone over with saturated samples as what they are: lower bounds, no values.
+"""Refit texels with saturated samples, which are lower bounds and not values.
 
-Where many samples of a texel are saturated, its peak is lost, and two Gaussian lobes are more than the flanks can tell:
-they are made of one GGX lobe under its region's prior.
+Where many samples of a texel are saturated, its peak is lost, and the flanks cannot tell two Gaussian lobes apart: the
+two are then made from one GGX lobe that is fitted under its region's prior.
 """
 
 from dataclasses import replace
@@ -17,20 +17,23 @@ from kinran.fit.slope_lobes import Lobes
 from kinran.fit.solver.start import HEIGHTS, pair
 
 ROUNDS = 3
-"""Fits in which saturated samples are raised to what the last one says. A choice; more were not measured."""
+"""Fits in which saturated samples are raised to the last prediction. A choice; more rounds were not measured."""
 LOST = (0.05, 0.5)
-"""Shares of saturated samples between which one lobe is better than two. Of more, no lobe is found."""
+"""Shares of saturated samples between which one lobe is better than two; beyond the larger share no lobe is found. The
+table is in docs/fit.md, "Few exposures"."""
 
 
 def refit(fitted: SlopeFit, samples: Samples, priors: list[Prior] | None = None, threads: int = 1) -> SlopeFit:
-    """Fit texels with saturated samples again, taking what the last fit says above a bound for the sample.
+    """Fit texels with saturated samples again, with the prediction for each sample that is above its bound.
 
     Parameters
     ----------
     fitted
-        Of all texels, as `kinran.fit.slope.fit` gave it; saturated samples had little or no weight.
+        Fit of all texels by `kinran.fit.slope.fit`, in which saturated samples had little or no weight.
     samples
-        With their `bounds`; without any the fit is as it was.
+        Samples of the same texels. Without `bounds` the fit is returned as it is.
+    priors
+        A prior for each region.
     """
     if samples.bounds is None:
         return fitted
@@ -54,7 +57,7 @@ def refit(fitted: SlopeFit, samples: Samples, priors: list[Prior] | None = None,
 def _raised(
     fitted: SlopeFit, samples: Samples, saturated: NDArray[np.bool_], priors: list[Prior] | None, threads: int
 ) -> SlopeFit:
-    """Fit again and again with saturated samples (texel, light) at what the last fit says, and at least as bright."""
+    """Repeat the fit with each saturated sample (texel, light) raised to the last prediction, where that is larger."""
     assert samples.bounds is not None
     W = np.where(saturated, samples.bounds, samples.W).astype(np.float32)
     for _ in range(ROUNDS):
@@ -65,7 +68,7 @@ def _raised(
 
 
 def as_pair(fitted: SlopeFit, lobes: Lobes) -> SlopeFit:
-    """Two Gaussian lobes of each one of GGX."""
+    """Replace the one GGX lobe of each texel by two Gaussian lobes (docs/fit.md has the formula)."""
     shapes = np.concatenate([fitted.lobe(0), fitted.shapes], 1)
     for p in shapes:
         pair(p)

@@ -1,4 +1,4 @@
-"""The lobes that a fabric may have, and fits of them to a sample of its texels."""
+"""The kinds of lobes that a fabric may have, and their fits to a sample of its texels."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,15 +17,16 @@ from kinran.fit.slope_lobes import Lobes
 
 Single = NDArray[np.float32]
 Display = Callable[[Single], Single]
-"""From light to the values that are shown: of photographs their own, of radiance a logarithm."""
+"""Function from linear light to displayed values: the encoding of photographs, or a logarithm of radiance."""
 
 DB_A_BYTE = 0.3 / 16
-"""What a byte a texel has to gain in cross-validated PSNR: 0.3 dB a lobe, which has 16 bytes."""
+"""PSNR in dB that a byte per texel has to gain in cross-validation: 0.3 dB for the 16 bytes of a lobe. `kinran bench
+choice` compares other gains (docs/fit.md, "The simplest lobes")."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A kind of material: its name, its lobes or None for a diffuse term alone, and its numbers a texel."""
+    """A kind of material: its name, its lobes (None for a diffuse term alone), and its numbers per texel."""
 
     name: str
     lobes: Lobes | None
@@ -33,17 +34,17 @@ class Candidate:
 
     @property
     def size(self) -> int:
-        """Bytes a texel, at half precision."""
+        """Bytes per texel at half precision."""
         return 2 * self.numbers
 
     def priors(self, samples: Samples, threads: int) -> list[Prior] | None:
-        """Priors of the regions of a sample; None without lobes."""
+        """Priors of the regions, learned from a sample of their texels; None without lobes."""
         if self.lobes is None:
             return None
         return learned_priors.learn_priors(samples, int(samples.region.max()) + 1, self.lobes, threads)
 
     def predicted(self, samples: Samples, priors: list[Prior] | None, under: Under, threads: int) -> Single:
-        """T (texel, 3, light) under some lights, of a fit to the samples under priors."""
+        """T (texel, 3, light) that a fit to the samples under these priors predicts under some lights."""
         if self.lobes is None:
             return lambert.fit(samples).predict(under)
         return slope.fit(samples, self.lobes, priors, threads).predict(under)
@@ -57,7 +58,13 @@ CANDIDATES = (
 
 
 def display(stack: Stack, T: Single) -> Display:
-    """How a stack's light is shown."""
+    """Function that displays the light of a stack.
+
+    Parameters
+    ----------
+    T : (texel, 3, light) float32
+        Sample of the stack's light, whose 99.9th percentile is shown as white.
+    """
     coder = encoding.parse(stack.encoding) if stack.encoding else None
     peak = float(np.percentile(T, 99.9)) or 1.0
     return lambda light: metrics.to_display(light, coder, peak)

@@ -1,7 +1,7 @@
-"""Choose the simplest lobes that explain a fabric, by error under lights left out with a stated cost a byte.
+"""Choose the simplest lobes that explain a fabric, by cross-validation over lights with a stated cost per byte.
 
-Regions are chosen for by cross-validation, and so is the fabric, whose lobes are of one kind. What each texel would
-need by itself is a map for people: `kinran material` takes the regions' choice.
+The choice is made for each region, and for the fabric, whose lobes are of one kind. The map of what each texel would
+need by itself is for people: `kinran material` follows the choice of the regions.
 """
 
 import logging
@@ -25,37 +25,37 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 SAMPLE = 256
-"""Texels of a region that the choice is made on."""
+"""Texels of a region on which the candidates are compared. A choice; no command compares other numbers."""
 FOLDS, FEW_FOLDS, MANY_LIGHTS = 10, 4, 256
 """Folds of the lights, fewer where there are more than `MANY_LIGHTS`, so that a choice takes seconds. A choice."""
 MOST_DB = 60.0
-"""PSNR up to which a region counts: beyond, no eye sees a difference, and noise would decide."""
+"""PSNR in dB above which a region counts no better: no eye sees a difference, and noise would decide. A choice."""
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the stage reads."""
+    """Files that the stage reads."""
 
     fabric: Annotated[Path, "folder of the fabric: radiance.zarr, labels.exr, regions.json"]
 
 
 @dataclass(frozen=True)
 class Outputs:
-    """What the stage writes."""
+    """Files that the stage writes."""
 
-    choice: Annotated[Path, "OUT", "what was chosen, and why (.json)"]
-    picture: Annotated[Path, "what each texel needs, for people (.png)"]
+    choice: Annotated[Path, "OUT", "chosen lobes, and the errors that decided (.json)"]
+    picture: Annotated[Path, "map of the lobes that each texel needs, for people (.png)"]
 
 
 @dataclass(frozen=True)
 class Options:
-    """How the stage runs."""
+    """Options of the run."""
 
     threads: Annotated[int, "threads of this machine"] = 1
 
 
 def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
-    """Judge the candidates on a sample of each region, choose, and write both; then map what each texel needs."""
+    """Cross-validate the candidates on a sample of each region, and write the choice and the map of the texels."""
     fabric = Fabric(inputs.fabric)
     names = [region.name for region in fabric.regions]
     labels = fabric.labels
@@ -93,16 +93,17 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
 
 @dataclass(frozen=True)
 class Judgement:
-    """Of a candidate, by region.
+    """Cross-validated errors of a candidate, by region.
 
     Attributes
     ----------
     square : (light, region)
         Mean squared error of displayed values under each training light while that was left out.
     relative : (region,)
-        √(Σ (m - g)² / Σ g²) in linear light, over lights left out.
+        Relative error √(Σ (m - g)² / Σ g²) in linear light, over the lights left out.
     bic, aic : (region,)
-        Means over texels of n ln(RSS / n) + k ln n and … + 2 k, of the fit to all training lights.
+        Schwarz's and Akaike's criteria n ln(RSS / n) + k ln n and n ln(RSS / n) + 2 k of the fit to all training
+        lights, mean over the texels.
     """
 
     square: Array
@@ -111,16 +112,16 @@ class Judgement:
     aic: Array
 
     def error(self, share: Array) -> float:
-        """Mean squared error of regions that have these shares of the fabric."""
+        """Mean squared error of a fabric in which the regions have these shares (region,)."""
         return float((self.square @ (share / share.sum())).mean())
 
     def psnr(self, share: Array) -> float:
-        """Mean over lights, in dB, of regions that have these shares of the fabric."""
+        """Mean PSNR over the lights, in dB, of a fabric in which the regions have these shares (region,)."""
         error = self.square @ (share / share.sum())
         return float(np.mean(np.minimum(-10 * np.log10(np.maximum(error, 1e-12)), MOST_DB)))
 
     def row(self, region: int) -> dict[str, float]:
-        """Figures of a region, as the file holds them."""
+        """Figures of one region, for the JSON file."""
         only = np.eye(len(self.relative))[region]
         values = {"psnr": self.psnr(only), "relative_error": self.relative[region]}
         values |= {"bic": self.bic[region], "aic": self.aic[region]}
@@ -128,7 +129,7 @@ class Judgement:
 
 
 def judge(sample: Samples, shown: Display, threads: int) -> dict[str, Judgement]:
-    """Cross-validate the candidates; priors are learnt anew in each fold, from its lights alone."""
+    """Cross-validate the candidates, by name; priors are learned anew in each fold, from its lights alone."""
     n = sample.under.count
     fold = np.random.default_rng(0).permutation(n) % (FOLDS if n <= MANY_LIGHTS else FEW_FOLDS)
     result = {}
@@ -143,7 +144,7 @@ def judge(sample: Samples, shown: Display, threads: int) -> dict[str, Judgement]
 
 
 def _judgement(sample: Samples, shown: Display, left: Single, known: Single, numbers: int) -> Judgement:
-    """Judgement of predictions (texel, 3, light): of lights that were left out, and of those that were fitted."""
+    """Errors of predictions (texel, 3, light): `left` where each light was left out, `known` where all were fitted."""
     T, W, usable = sample.T, sample.W, sample.usable()
     one_of = np.eye(int(sample.region.max()) + 1)[sample.region]
     off = usable * (shown(left) - shown(T)) ** 2
@@ -158,9 +159,16 @@ def _judgement(sample: Samples, shown: Display, left: Single, known: Single, num
 
 
 def choose(judged: dict[str, Judgement], share: Array, cost: float = DB_A_BYTE) -> tuple[Candidate, list[Candidate]]:
-    """The lobes of the fabric, which are of one kind, and what each region has of them: these or none.
+    """Choose the lobes of the fabric, which are of one kind, and for each region either these or none.
 
-    A byte a texel has to gain `cost` decibels.
+    Parameters
+    ----------
+    judged
+        Errors of each candidate, by its name.
+    share : (region,)
+        Share of each region in the texels of the fabric.
+    cost
+        Decibels that a byte per texel has to gain.
     """
 
     def worth(candidate: Candidate, share: Array) -> float:

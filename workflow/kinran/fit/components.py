@@ -1,4 +1,4 @@
-"""What lobes leave of samples, in the values of their photographs, and its principal components over the lights."""
+"""The remainder that lobes leave of samples, in display-like values, and its principal components over the lights."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,10 @@ def by_light(T: Values, domain: str) -> Values:
 
 
 def remainder(shown: Values, lobes: Values, domain: str, share: float) -> Values:
-    """What the lobes leave; nothing where a photograph is saturated and the lobes are over it."""
+    """Samples less a share of the lobes, both (light, texel · 3) in display-like values.
+
+    The remainder is 0 where a photograph is saturated and the lobes exceed it.
+    """
     left = shown - np.float32(share) * lobes
     photograph = not domain.startswith("log:")
     return np.where((shown >= 1) & (left < 0), 0, left) if share == 1 and photograph else left

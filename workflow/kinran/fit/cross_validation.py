@@ -1,4 +1,4 @@
-"""Lights left out in turn, and which of them the others surround."""
+"""Folds of lights for cross-validation, and which lights the others surround."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,10 @@ Array = NDArray[np.float64]
 
 
 def deal(lights: Array, folds: int) -> NDArray[np.intp]:
-    """Fold of each light: neighbours go to different ones, so that what is left out lies between what is not."""
+    """Deal lights (light, 3) to folds, and return the fold (light,) of each.
+
+    Neighbours go to different folds, so that a light that is left out lies between lights that are not.
+    """
     s = slopes(lights)
     left = np.arange(len(s))
     fold, rim = np.zeros(len(s), np.intp), np.linalg.norm(s - s.mean(0), axis=1)
@@ -25,7 +28,7 @@ def deal(lights: Array, folds: int) -> NDArray[np.intp]:
 
 
 def surrounded(these: Array, others: Array) -> NDArray[np.bool_]:
-    """Whether each of these lights (m, 3) is inside the hull of the others, in (l_x, l_y)."""
+    """Whether each of these lights (m, 3) is inside the convex hull of the others (n, 3) in (l_x, l_y); (m,)."""
     try:
         return np.asarray(Delaunay(others[:, :2]).find_simplex(these[:, :2]) >= 0)
     except (QhullError, ValueError):  # fewer than three lights, or all on a line

@@ -1,5 +1,6 @@
-"""How few lights leave the slope model one lobe."""
+"""The number of lights below which the slope model has one lobe."""
 
 FEW_LIGHTS = 45
-"""Fewest lights under which the config's lobes are taken; under fewer there is one slope lobe. `kinran bench choice`
-takes two lobes for the brocade under 50 lights, and one under 30 (docs/fit.md); in between nothing was measured."""
+"""Fewest lights for which the lobes of the config are taken; with fewer the slope model has one lobe. `kinran bench
+choice` takes two lobes for the brocade under 50 lights, and one under 30 (docs/fit.md); in between nothing was
+measured."""

@@ -1,4 +1,4 @@
-"""Tiles of a fit that are done: kept beside the result, so that a run that was stopped goes on where it was."""
+"""Finished tiles of a fit, kept beside the result so that a run that was stopped goes on where it was."""
 
 import hashlib
 import shutil
@@ -16,7 +16,7 @@ Arrays = dict[str, NDArray[np.floating]]
 
 
 def content_key(options: list[str], files: list[Path], stack: Path) -> str:
-    """Digest of options, the content of files, and the sizes and times of a stack's."""
+    """Digest of the options, of the content of the files, and of the names, sizes and times of a stack's files."""
     whole = hashlib.sha256("\0".join(options).encode())
     for path in files:
         whole.update(path.read_bytes())
@@ -28,13 +28,13 @@ def content_key(options: list[str], files: list[Path], stack: Path) -> str:
 
 @dataclass(frozen=True)
 class Finished:
-    """Tiles that are done; what was made from something else is not there."""
+    """Finished tiles of one run, in a folder that bears the key of its inputs."""
 
     folder: Path
 
     @classmethod
     def of(cls, out: Path, key: str) -> "Finished":
-        """Tiles of the run that writes `out`; those of another key are removed."""
+        """Finished tiles of the run that writes `out`; tiles of another key are removed."""
         parent = out.with_name(f".{out.name}.tiles")
         for other in parent.glob("*"):
             if other.name != key:
@@ -42,7 +42,7 @@ class Finished:
         return cls(parent / key)
 
     def has(self, box: Box) -> bool:
-        """Whether a tile is done and whole."""
+        """Whether a tile is finished and its file is whole."""
         path = self._path(box)
         return path.is_file() and zipfile.is_zipfile(path)
 
@@ -52,12 +52,12 @@ class Finished:
             np.savez(file, allow_pickle=False, **arrays)
 
     def read(self, box: Box) -> Arrays:
-        """Arrays of a tile that is done."""
+        """Arrays of a finished tile."""
         with np.load(self._path(box)) as data:
             return {name: data[name] for name in data.files}
 
     def clear(self) -> None:
-        """Remove them all: the result is written."""
+        """Remove all tiles, once the result is written."""
         shutil.rmtree(self.folder.parent, ignore_errors=True)
 
     def _path(self, box: Box) -> Path:

@@ -25,23 +25,23 @@ from kinran.fit.samples import Samples
 from kinran.fit.slope_lobes import Lobes
 
 LEAST_SAMPLES = 4
-"""Texels with fewer usable samples, such as those on a defect of the sensor, have no fit of their own. A choice, as few
-as a lobe's place and the two colours take."""
+"""Fewest usable samples of a texel that has a fit of its own; one on a defect of the sensor may have fewer. A choice:
+the place of a lobe and the two colours take as many."""
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the stage reads."""
+    """Files that the stage reads."""
 
     fabric: Annotated[Path, "folder of the fabric: radiance.zarr, labels.exr, regions.json"]
-    prior: Annotated[Path | None, "priors of the regions (.json), for slope"] = None
-    need: Annotated[Path | None, "instead of --fitted: what a scene needs (.json)"] = None
-    choice: Annotated[Path | None, "instead of --lobes and --tail: what `kinran choice` chose (.json)"] = None
+    prior: Annotated[Path | None, "priors of the regions (.json), for the slope model"] = None
+    need: Annotated[Path | None, "needs of a scene (.json), instead of --fitted"] = None
+    choice: Annotated[Path | None, "lobes that `kinran choice` chose (.json), instead of --lobes and --tail"] = None
 
 
 @dataclass(frozen=True)
 class Options:
-    """What is fitted, and to which texels."""
+    """The model, and the texels that it is fitted to."""
 
     model: Annotated[str, "model of the material"] = "slope"
     lobes: Annotated[Literal[1, 2], "number of lobes of the slope model"] = 1
@@ -57,6 +57,11 @@ def main(
     """Fit the run and write its parameters, with the CPU seconds that they took.
 
     Each tile is kept when it is done: a run that was stopped goes on where it was.
+
+    Raises
+    ------
+    InputError
+        The model is unknown, `tile` is no run of tiles, or the priors are for another number of lobes.
     """
     fabric = Fabric(inputs.fabric)
     boxes = _share(fabric.stack.tiles(), options.tile)
@@ -72,7 +77,7 @@ def main(
 
 @dataclass(frozen=True)
 class _Job:
-    """What is fitted to the tiles of a run."""
+    """The model of a run, its priors, and the regions that get its lobes."""
 
     fabric: Fabric
     model: str
@@ -93,13 +98,13 @@ class _Job:
         return cls(fabric, options.model, lobes, lobed, priors, options.threads)
 
     def key(self, inputs: Inputs) -> str:
-        """What the result of a tile depends on."""
+        """Digest of all that the result of a tile depends on."""
         words = [str(value) for value in (self.model, self.lobes.count, self.lobes.tail, self.lobed)]
         files = [path for path in (self.fabric.labels_path, inputs.prior) if path]
         return content_key([digest("kinran.fit.fit"), *words], files, self.fabric.stack_path)
 
     def fit(self, box: Box) -> Channels:
-        """Channels (texel,) of a tile in single precision, and what they cost."""
+        """Channels (texel,) of a tile in single precision, and the CPU seconds that they took."""
         start = time.process_time()
         tile = samples.read_samples(self.fabric, box)
         if self.priors and (self.priors.lights < 1).any():
@@ -112,7 +117,7 @@ class _Job:
         return {**costs, **{name: values.astype(np.float32) for name, values in part.items()}}
 
     def _channels(self, tile: Samples) -> Channels:
-        """Channels (texel,) in the stack's unit and space; 0 where a texel has no such part."""
+        """Channels (texel,) in the stack's unit and colour space; 0 where a texel does not have the channel."""
         lobed = np.full(len(tile), True) if self.lobed is None else np.isin(tile.region, self.lobed)
         if lobed.all():
             return self._fitted(tile).channels()
@@ -124,11 +129,11 @@ class _Job:
         return channels
 
     def _fitted(self, tile: Samples) -> Mapped:
-        """The model, fitted to each texel."""
+        """Fit the model to each texel."""
         return FITS[self.model](self, tile)
 
     def slope(self, tile: Samples) -> slope.SlopeFit:
-        """Lobes, by least squares or Huber's loss; then with saturated samples as bounds."""
+        """Fit lobes by least squares or with robust weights, then again with saturated samples as bounds."""
         priors = self.priors.regions if self.priors else None
         if self.priors and self.priors.outliers:
             found, tile = robust_weights.robust(tile, self.lobes, priors, self.threads)
@@ -137,15 +142,15 @@ class _Job:
         return bounded.refit(found, tile, priors, self.threads)
 
     def four_steps(self, tile: Samples) -> takeda.TakedaFit:
-        """The paper's own fit."""
+        """Fit Eq. 3 by the four steps of the paper (Takeda2008, §3.2)."""
         return takeda.four_steps(tile, *half_steps(self.fabric.stack.lights))
 
     def diffuse(self, tile: Samples) -> lambert.LambertFit:
-        """No lobe."""
+        """Fit the diffuse term alone."""
         return lambert.fit(tile)
 
     def warm_up(self) -> None:
-        """Compile before the clock starts."""
+        """Compile the kernels before the clock starts."""
         lights = np.array([[0.0, 0.0, 1.0], [0.5, 0.0, 0.75**0.5], [0.0, 0.5, 0.75**0.5]])
         self._fitted(Samples.far(np.ones((1, 3, 3), np.float32), np.ones((1, 3), np.float32), lights))
         one = np.ones((1, 1, 1, 3), np.float32)
@@ -160,7 +165,7 @@ FITS: dict[str, Callable[[_Job, Samples], Mapped]] = {
 
 
 def _share(boxes: list[Box], tile: str) -> list[Box]:
-    """The run of tiles that job ``i/n`` (from 0) has to do."""
+    """Tiles of the run ``INDEX/COUNT``, from 0."""
     words = tile.split("/")
     index, count = (int(word) for word in words) if len(words) == 2 and "".join(words).isdecimal() else (0, 0)
     if not index < count:
@@ -170,7 +175,7 @@ def _share(boxes: list[Box], tile: str) -> list[Box]:
 
 
 def _write(out: Path, of: str, parts: list[dict[str, NDArray[np.floating]]], boxes: list[Box]) -> None:
-    """Write the parameters of all tiles, one after the other, and the sums of what they cost."""
+    """Write the parameters of all tiles, one after the other, and the sums of their costs."""
     names = list(parts[0]) if parts else ["cpu_seconds", "read_seconds"]
     costs = {name: np.sum([part[name] for part in parts]) for name in names if "." not in name}
     arrays = {name: np.concatenate([part[name] for part in parts]) for name in names if "." in name}

@@ -1,4 +1,4 @@
-"""What every fitted model is: it predicts and has a size; what becomes a material has channels for its maps, too."""
+"""Protocols of fitted models: each predicts and has a size, and one that becomes a material has channels as well."""
 
 from itertools import product
 from typing import Protocol
@@ -25,7 +25,7 @@ class Fitted(Protocol):
         ...
 
     def predict(self, under: Under) -> NDArray[np.float32]:
-        """T (texel, 3, light) under some lights, square on, in the unit of the samples."""
+        """T (texel, 3, light) under some lights, without falloff, in the unit of the samples."""
         ...
 
 
@@ -38,7 +38,7 @@ class Mapped(Fitted, Protocol):
 
 
 def named(names: tuple[str, ...], shapes: NDArray[np.float64], colours: NDArray[np.float64]) -> Channels:
-    """Name shapes (texel, lobes × K) and colours (texel, lobes + 1, 3) of lobes over an untilted diffuse term."""
+    """Channels (texel,) of shapes (texel, lobes × K) and colours (texel, lobes + 1, 3), the diffuse term untilted."""
     lobes = [f"lobe{k + 1}" for k in range(colours.shape[1] - 1)]
     channels: Channels = {f"{lobe}.{name}": shapes[:, k] for k, (lobe, name) in enumerate(product(lobes, names))}
     for k, part in enumerate([*lobes, "diffuse"]):

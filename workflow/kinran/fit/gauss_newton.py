@@ -1,4 +1,4 @@
-"""How well the samples fix the parameters of a fit: covariances from the Gauss-Newton Hessian."""
+"""Covariances of the parameters of a fit, from its Gauss-Newton Hessian."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -14,18 +14,18 @@ from kinran.fit.solver.lobes import TAILS
 Array = NDArray[np.float64]
 
 BLOCK = 256
-"""Texels of a job of a thread."""
+"""Texels that a thread takes at a time; the result does not depend on it."""
 
 
 def covariances(fitted: SlopeFit, samples: Samples, stiffness: Array | None = None, threads: int = 1) -> Array:
-    """Covariance matrix of shapes and colours together, σ² (JᵀWJ + ρ)⁻¹.
+    """Covariance matrix σ² (JᵀWJ + ρ)⁻¹ of the shapes and colours of each texel.
 
-    σ² is the texel's own mean squared residual, so that what the model cannot say counts as noise.
+    σ² is the texel's own mean squared residual, so that misfit of the model counts as noise.
 
     Parameters
     ----------
     stiffness : (texel, K)
-        ρ of the prior, if there was one.
+        Stiffness ρ of the prior; 0 without one.
 
     Returns
     -------
@@ -53,6 +53,6 @@ def covariances(fitted: SlopeFit, samples: Samples, stiffness: Array | None = No
 
 
 def _blocks(cell: int, at: Index, texels: int) -> list[tuple[int, NDArray[np.intp]]]:
-    """Blocks of the texels of a cell."""
+    """Blocks of a cell's texels: the cell, and the indices of the texels."""
     places = np.arange(texels)[at]
     return [(cell, places[k : k + BLOCK]) for k in range(0, len(places), BLOCK)]

@@ -1,4 +1,4 @@
-"""The diffuse term alone: what a texture shows, and what is left for regions without a lobe."""
+"""The diffuse term alone, for textures and for regions without a lobe."""
 
 from dataclasses import dataclass
 
@@ -12,14 +12,14 @@ from kinran.fit.samples import Samples
 
 @dataclass(frozen=True)
 class LambertFit:
-    """T = C_d cos θ_i of each texel, with colours (texel, 3)."""
+    """Colours C_d (texel, 3) of T = C_d cos θ_i."""
 
     colours: NDArray[np.float64]
     numbers: float = 3
     shared: int = 0
 
     def predict(self, under: Under) -> NDArray[np.float32]:
-        """T (texel, 3, light) under some lights, square on, in the unit of the samples."""
+        """T (texel, 3, light) under some lights, without falloff, in the unit of the samples."""
         T = np.empty((len(self.colours), 3, under.count), np.float32)
         for k, at in under.cells():
             T[at] = self.colours[at][:, :, None] * under.lights[k][:, 2]
@@ -31,7 +31,7 @@ class LambertFit:
 
 
 def fit(samples: Samples) -> LambertFit:
-    """Weighted least squares of T = C_d cos θ_i, C_d ≥ 0; samples that are not finite are left out."""
+    """Fit T = C_d cos θ_i, C_d ≥ 0, by weighted least squares; samples that are not finite are left out."""
     colours = np.empty((len(samples), 3))
     for k, at in samples.under.cells():
         T, W, cosine = samples.T[at], samples.W[at], samples.under.lights[k][:, 2]

@@ -13,20 +13,23 @@ from kinran.fit.slope_lobes import Lobes
 Array = NDArray[np.float64]
 
 SAMPLE = 512
-"""Texels of a region that its prior is made of, by the stage `prior` and in the chart. A choice, no measurement of its
-own stands behind it."""
+"""Texels of a region that its prior is learned from, by the stage `prior` and in the chart. A choice; no command
+compares other numbers."""
 HOLD = 10.0
-"""Variance, over the mean square of the samples, whose prior holds the shapes at their region's."""
+"""Variance, over the mean square of the samples, of a prior that holds shapes at their region's. A choice; no command
+compares other values."""
 TRUSTED = 12.0
-"""What a held fit may leave, in times of what free fits leave, before its variance is cut. A choice."""
+"""Largest variance of a prior, over that of free fits. A choice; no command compares other values."""
 POOLED = 0.6
-"""Share of the resolution of one texel that a region resolves: its facets are turned to see between the lights."""
+"""Width that a region resolves, over the width that one texel resolves: its facets are turned and so see between the
+lights. A choice; no command compares other values."""
 
 
 def region_priors(fitted: SlopeFit, samples: Samples, regions: int) -> list[Prior]:
-    """Priors of regions from free fits of a sample of their texels: medians of shape, means of residual.
+    """Priors of regions from fits of a sample of their texels: medians of the shapes, means of the residuals.
 
-    Only texels with fewer samples than numbers have no say: those that lost the fewest peaks are not typical.
+    Only texels with fewer samples than the fit has numbers are left out: a region's texels that lost the fewest peaks
+    are not typical of it.
     """
     priors = []
     usable = (samples.W > 0).sum(1)
@@ -42,12 +45,12 @@ def region_priors(fitted: SlopeFit, samples: Samples, regions: int) -> list[Prio
 
 
 def learn_priors(samples: Samples, regions: int, lobes: Lobes, threads: int = 1) -> list[Prior]:
-    """Priors of regions from a sample of their texels.
+    """Learn a prior for each region from a sample of its texels.
 
-    Centres come from free fits, variances from fits that are held at these centres: a free fit to few samples
-    leaves too little of them. Where shapes differ within the region, held fits leave too much; `TRUSTED` times what
-    free fits leave is the most. What is left is in proportion to what is seen: where samples are left out, as
-    saturated peaks are, it is made as large as the held fits say that all of them are.
+    Centres come from free fits. Variances come from fits that are held at these centres: the residual of a free fit to
+    few samples is too small. Where shapes differ within a region, the residual of held fits is too large; a variance is
+    at most `TRUSTED` times that of free fits. Residuals are in proportion to radiance: where samples are left out, as
+    saturated peaks are, the variance is raised by the ratio that the held fits predict for all samples.
     """
     samples = samples.unshared()
     T, W = samples.T, samples.W
@@ -66,7 +69,7 @@ def learn_priors(samples: Samples, regions: int, lobes: Lobes, threads: int = 1)
 
 
 def _whole(fitted: SlopeFit, samples: Samples, regions: int) -> list[float]:
-    """Mean square of all samples over that of those in use, by a fit, of each region: 1 where all are in use."""
+    """Mean square of a fit's predictions of all samples over that of the samples in use, by region; at least 1."""
     square, used = np.square(fitted.predict(samples.under), dtype=float).mean(1), samples.W > 0
     inside = [samples.region == k for k in range(regions)]
     seen = [np.mean(square[at], where=used[at]) if used[at].any() else 0 for at in inside]

@@ -1,7 +1,7 @@
-"""Smooth functions of the light, as a material holds them: splines over (l_x, l_y) of many nodes.
+"""Smooth functions of the light, in the form that a material holds: splines over (l_x, l_y) with many nodes.
 
-Thin plates over θ (cos φ, sin φ) follow relief and shadows. Where only the reflectance itself is left, a few
-hemispherical harmonics are smoother than they between rings of lights.
+Thin plates over θ (cos φ, sin φ) follow relief and shadows. Where only reflectance is left to model, a few
+hemispherical harmonics are smoother than thin plates between rings of lights.
 """
 
 import numpy as np
@@ -14,40 +14,45 @@ from kinran_bsdf.residual import kernel_matrix, spline
 Array = NDArray[np.float64]
 
 NODES = 160
-"""Directions, besides the lights, that the spline of a material goes through."""
+"""Directions, besides the lights, that the spline of a material goes through. A choice."""
 HARMONICS, RIDGE = 16, 1e-6
-"""Hemispherical harmonics, and what is added to their normal matrix, of the mean of its diagonal."""
+"""Number of hemispherical harmonics, and ridge of their normal matrix over the mean of its diagonal. Choices."""
 DENSE, NOISE = 1500, 1e-10
-"""Directions at which a spline is to say what the harmonics say, and its least singular value."""
+"""Directions at which a spline is fitted to harmonics, and least relative singular value of that fit. Choices."""
 CROWDED = 0.4
-"""Exponent of their spread in θ: 0.5 is even in the plane of angles, less is closer near the horizon."""
+"""Exponent of the spread of the nodes in θ: at 0.5 they are even in the plane of angles, below it they are denser
+near the horizon. A choice."""
 
 
 def plane(lights: Array) -> Array:
-    """θ (cos φ, sin φ) of lights (n, 3): rings even in θ stay so, where (l_x, l_y) crowds those near the horizon."""
+    """Points θ (cos φ, sin φ), (n, 2), of lights (n, 3).
+
+    Rings that are even in θ stay even here, while (l_x, l_y) crowds those near the horizon.
+    """
     theta, phi = frames.angles(lights)
     return np.stack([theta * np.cos(phi), theta * np.sin(phi)], -1)
 
 
 def plates(lights: Array, values: Array, smoothing: float | None) -> tuple[Array, Array]:
-    """Smooth functions of the light from values at some lights.
+    """Fit smooth functions of the light to values at some lights.
 
     Photographs vary evenly with the angle of the light, but a material's splines are over (l_x, l_y). So thin plates
-    are laid over the angles, and a spline over (l_x, l_y) goes through what they say at `NODES` more directions.
+    [Duchon1977] are fitted over the angles, and a spline over (l_x, l_y) goes through their values at the lights and at
+    up to `NODES` more directions.
 
     Parameters
     ----------
     lights : (m, 3) float
     values : (m, k) float
     smoothing
-        Of the plates; 0 goes through the values. None are `HARMONICS` harmonics instead of plates.
+        Smoothing of the thin plates; 0 goes through the values. None takes `HARMONICS` harmonics instead.
 
     Returns
     -------
     nodes : (n, 2) float
         (l_x, l_y): the lights, then the other directions.
     weights : (n + 3, k) float
-        Of the splines, as `kinran_bsdf.residual.Residual` keeps them.
+        Weights of the splines, as `kinran_bsdf.residual.Residual` keeps them.
     """
     if smoothing is None:
         return _of_harmonics(lights, values)
@@ -60,13 +65,13 @@ def plates(lights: Array, values: Array, smoothing: float | None) -> tuple[Array
 
 
 def _spread(count: int, exponent: float, most: float) -> Array:
-    """Directions (count, 3) over the cap of θ up to `most`."""
+    """Directions (count, 3) over the cap of θ up to `most` radians."""
     k = np.arange(count) + 0.5
     return frames.direction(most * (k / count) ** exponent, k * np.pi * (3 - 5**0.5))
 
 
 def _of_harmonics(lights: Array, values: Array) -> tuple[Array, Array]:
-    """As `plates`: what is nearest to the harmonics as far as the lights go, since they turn sharply at the horizon."""
+    """Nodes and weights of `plates`, nearest to harmonics over the cap of the lights; beyond it these turn sharply."""
     basis = harmonics(HARMONICS)
     most = float(frames.angles(lights)[0].max())
     nodes = np.concatenate([lights, _spread(NODES, CROWDED, most)])

@@ -1,4 +1,4 @@
-"""Which lobes the slope model has, and which regions get them: what was asked for, what a choice or a scene says."""
+"""The lobes of the slope model and the regions that get them: by option, by `kinran choice`, or by need of a scene."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,12 +10,12 @@ from kinran.fit.slope_lobes import Lobes
 
 
 def chosen_lobes(choice: Path | None, tail: str, count: int) -> Lobes:
-    """Lobes that `kinran choice` chose, or those of this tail and number."""
+    """Lobes that `kinran choice` chose (.json); without a choice, lobes of this tail and number."""
     return _read(choice)[0] if choice else Lobes(tail, count)
 
 
 def kind(model: str, lobes: Lobes) -> str:
-    """What a run of tiles was fitted with, in words: its file holds them, so that no run of another kind is joined."""
+    """Name of a model and its lobes; the file of a run of tiles holds it, so that no run of another kind is joined."""
     return f"slope: {lobes.count} {lobes.tail}" if model == "slope" else model
 
 
@@ -29,11 +29,16 @@ def lobed_labels(
     labels : (y, x) int
         Label map of the fabric.
     asked
-        Labels that were asked for; None for all.
+        Labels that an option names; None for all.
     need
-        Instead of them: what a scene needs (.json).
+        Needs of a scene (.json), which take the place of `asked`.
     choice
-        What `kinran choice` chose (.json): of the labels those whose region a lobe explains.
+        Choice of `kinran choice` (.json), which leaves out regions that need no lobe.
+
+    Raises
+    ------
+    InputError
+        A file is missing or holds something else.
     """
     wanted = needed_labels(need, labels) if need else None if asked is None else list(asked)
     if choice is None:
@@ -43,7 +48,7 @@ def lobed_labels(
 
 
 def _read(choice: Path) -> tuple[Lobes, list[int]]:
-    """Lobes and labels that were chosen."""
+    """Lobes and labels in a file of `kinran choice`."""
     value = read_json(choice)
     try:
         return Lobes(str(value["tail"]), int(value["lobes"])), [int(label) for label in value["fitted"]]

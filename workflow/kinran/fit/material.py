@@ -1,4 +1,4 @@
-"""Join the fitted runs of a model to its material file."""
+"""Join the fitted runs of a model into its material file."""
 
 import logging
 import zipfile
@@ -29,17 +29,17 @@ COSTS = ("cpu_seconds", "read_seconds")
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the stage reads."""
+    """Files that the stage reads."""
 
     fabric: Annotated[Path, "folder of the fabric: radiance.zarr, labels.exr, regions.json"]
     runs: Annotated[tuple[Path, ...], "fitted runs (.npz)"]
-    need: Annotated[Path | None, "instead of --fitted: what a scene needs (.json)"] = None
-    choice: Annotated[Path | None, "instead of --lobes and --tail: what `kinran choice` chose (.json)"] = None
+    need: Annotated[Path | None, "needs of a scene (.json), instead of --fitted"] = None
+    choice: Annotated[Path | None, "lobes that `kinran choice` chose (.json), instead of --lobes and --tail"] = None
 
 
 @dataclass(frozen=True)
 class Outputs:
-    """What the stage writes."""
+    """Files that the stage writes."""
 
     material: Annotated[Path, "OUT", "material (.exr)"]
     summary: Annotated[Path, "cost and clamping of the fit (.json)"]
@@ -47,7 +47,7 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Options:
-    """What was fitted."""
+    """Options that the runs were fitted with."""
 
     model: Annotated[str, "model of the material"] = Slope.name
     lobes: Annotated[Literal[1, 2], "number of lobes of the slope model"] = 1
@@ -56,7 +56,13 @@ class Options:
 
 
 def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
-    """Write the material and a summary of what it cost."""
+    """Write the material and a summary of its cost.
+
+    Raises
+    ------
+    InputError
+        A run is missing, damaged or of another kind, or the model is unknown.
+    """
     fabric = Fabric(inputs.fabric)
     labels = fabric.labels
     lobes = chosen_lobes(inputs.choice, options.tail, options.lobes)
@@ -109,7 +115,7 @@ def _material(fabric: Fabric, inputs: Inputs, options: Options, lobes: Lobes, ma
 def _maps(
     runs: Sequence[Path], of: str, out: Path, shape: tuple[int, ...]
 ) -> tuple[dict[str, Map], dict[str, float], float]:
-    """Maps (y, x) of all runs of a kind, the sums of what they cost, and the largest peak of memory in MiB."""
+    """Maps (y, x) of all runs of a kind, the sums of their costs, and the largest peak of memory in MiB."""
     maps: dict[str, Map] = {}
     covered = np.zeros(shape, bool)
     costs, peak = dict.fromkeys(COSTS, 0.0), 0.0
@@ -128,7 +134,7 @@ def _maps(
 
 
 def _opened(run: Path) -> "np.lib.npyio.NpzFile":
-    """File of a run."""
+    """Open the file of a run."""
     try:
         data = np.load(run)
         if "kind" in data:
@@ -151,7 +157,7 @@ def _scatter(data: "np.lib.npyio.NpzFile", maps: dict[str, Map], covered: NDArra
 
 
 def _fill(maps: dict[str, Map], valid: NDArray[np.bool_], labels: LabelMap) -> int:
-    """Give texels without a fit of their own that of the nearest one of their region; returns their number."""
+    """Give texels without a fit that of the nearest texel of their region, and return their number."""
     for label in np.unique(labels[~valid]):
         donors = valid & (labels == label)
         if not donors.any():
@@ -166,7 +172,7 @@ def _fill(maps: dict[str, Map], valid: NDArray[np.bool_], labels: LabelMap) -> i
 
 
 def _material_channels(maps: dict[str, Map], to_acescg: NDArray[np.float64]) -> dict[str, Map]:
-    """Colours to ACEScg in [0, 1] times an amplitude in 1/sr; no albedo bound yet."""
+    """Channels (y, x) of the material: colours in ACEScg in [0, 1] times an amplitude in 1/sr; the bound is 1."""
     channels = {name: plane for name, plane in maps.items() if name.split(".")[1] not in "RGB"}
     for part in sorted({name.split(".")[0] for name in maps}):
         stack_rgb = np.stack([maps[f"{part}.{c}"] for c in "RGB"], -1).astype(float) / np.pi

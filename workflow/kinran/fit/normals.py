@@ -1,4 +1,4 @@
-"""Surface normals from a stack: Lambert's law, by the samples that keep to it."""
+"""Find the surface normals of a stack by Lambert's law, with the least absolute residuals."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,20 +14,20 @@ from kinran.fit.samples import Samples, read_samples
 Array = NDArray[np.float64]
 
 ROUNDS = 10
-"""Rounds of reweighting; a choice."""
+"""Rounds of reweighting. A choice."""
 LEAST = 1e-3
-"""Of the albedo: residuals below count as this much."""
+"""Share of the albedo that every residual counts for at least in the weights. A choice."""
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the stage reads."""
+    """Files that the stage reads."""
 
     fabric: Annotated[Path, "folder of the fabric: radiance.zarr, labels.exr, regions.json"]
 
 
 def main(inputs: Inputs, out: Annotated[Path, "OUT", "normals (.exr): x, y, z"]) -> None:
-    """Write the normals of all texels, by the training lights."""
+    """Write the normals of all texels, from the training lights."""
     fabric = Fabric(inputs.fabric)
     normals = np.zeros((fabric.stack.height, fabric.stack.width, 3), np.float32)
     for box in fabric.stack.tiles():
@@ -37,11 +37,11 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "normals (.exr): x, y, z"])
 
 
 def fit(samples: Samples) -> Array:
-    """Normals that leave the least sum of absolute residuals of Lambert's law.
+    """Fit normals with the least sum of absolute residuals from Lambert's law, by reweighted least squares.
 
-    Highlights, cast shadows and light of neighbours are far from it and few: unlike least squares, the sum of absolute
-    residuals hardly moves for them. Lights below the surface's own horizon say nothing. By reweighted least squares
-    [Ikehata2012 compare norms of this problem].
+    Highlights, cast shadows and light from neighbours are few and far from the law: unlike least squares, the sum of
+    absolute residuals hardly moves for them. Lights below the surface's own horizon have no weight. [Ikehata2012]
+    compares norms for this problem.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def _of_cell(T: NDArray[np.float32], W: NDArray[np.float32], lights: Array) -> A
 
 
 def _solve(weight: Array, y: Array, lights: Array) -> Array:
-    """Weighted least squares of y (texel, light) over the directions; (texel, 3)."""
+    """Solve weighted least squares of y (texel, light) over directions (light, 3); (texel, 3)."""
     products = (lights[:, :, None] * lights[:, None]).reshape(len(lights), 9)
     normal = (weight @ products).reshape(-1, 3, 3)
     normal += (1e-9 * np.trace(normal, axis1=1, axis2=2) + 1e-30)[:, None, None] * np.eye(3)

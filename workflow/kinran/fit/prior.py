@@ -1,4 +1,4 @@
-"""Prior of each region on the shapes of its lobes, from free fits of a sample of its texels."""
+"""Learn the prior of each region on the shapes of its lobes, from fits of a sample of its texels."""
 
 import logging
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the stage reads."""
+    """Files that the stage reads."""
 
     fabric: Annotated[Path, "folder of the fabric: radiance.zarr, labels.exr, regions.json"]
-    choice: Annotated[Path | None, "instead of --lobes and --tail: what `kinran choice` chose (.json)"] = None
+    choice: Annotated[Path | None, "lobes that `kinran choice` chose (.json), instead of --lobes and --tail"] = None
 
 
 @dataclass(frozen=True)
 class Options:
-    """What priors are made for."""
+    """Lobes that the priors are for."""
 
     lobes: Annotated[Literal[1, 2], "number of lobes of the slope model"] = 1
     tail: Annotated[Literal["gaussian", "ggx"], "tail of its lobes"] = "ggx"
@@ -32,7 +32,7 @@ class Options:
 
 
 def main(inputs: Inputs, out: Annotated[Path, "OUT", "priors (.json)"], options: Options = Options()) -> None:
-    """Fit a sample of each region freely and write what its texels share."""
+    """Fit a sample of each region, and write the priors, the factors of lights, and whether to fit robustly."""
     fabric = Fabric(inputs.fabric)
     lobes = chosen_lobes(inputs.choice, options.tail, options.lobes)
     regions = len(fabric.regions)

@@ -1,4 +1,4 @@
-"""Priors of a fabric's regions on the shapes of their texels, and their file."""
+"""Priors of a fabric's regions on the shapes of their texels, and the file that holds them."""
 
 import math
 from dataclasses import dataclass, replace
@@ -16,17 +16,17 @@ from kinran.fit.solver.lobes import DIFFUSE_SIZE, LOBE_SIZE, squared_widths
 Array = NDArray[np.float64]
 
 PRIOR_SD = (0.3, 0.3, 0.06, 0.3, 0.06)
-"""Standard deviations (μ_x, μ_y, α, β, γ) of a texel's lobe about its region's."""
+"""Standard deviations (μ_x, μ_y, α, β, γ) of a texel's lobe about its region's. Choices; no command compares others."""
 DIFFUSE_SD = 0.3
-"""Standard deviation of the slopes of a texel's diffuse normal about its region's."""
+"""Standard deviation of the slopes of a texel's diffuse normal about its region's. A choice, as above."""
 
 
 @dataclass(frozen=True)
 class Prior:
-    """A region's prior on the shapes of its texels: F + Σ ρ_k (p_k - p̄_k)².
+    """A region's prior on the shapes of its texels, which adds Σ ρ_k (p_k - p̄_k)² to the cost of a fit.
 
-    It is worth one sample that sees nothing but the shapes. Many directions outvote it; as they get few, it takes
-    over, up to one shape for the region.
+    It weighs as much as one sample that sees the shapes alone. Many directions outvote it; the fewer they are, the more
+    it decides, up to one shape for the region.
 
     Attributes
     ----------
@@ -35,9 +35,9 @@ class Prior:
     variance
         Mean weighted squared residual of a sample about lobes of this shape.
     main
-        Which lobe reflects the most: amplitude times area, of the median texel.
+        Index of the lobe that reflects the most (amplitude times area) in the median texel.
     lone
-        Beside two Gaussian lobes: the region's prior on one of GGX, for texels whose peaks are lost.
+        Prior on one GGX lobe, beside a prior on two Gaussian lobes, for texels whose peaks are lost; otherwise None.
     """
 
     centre: Array
@@ -51,7 +51,7 @@ class Prior:
         return (self.centre.size - DIFFUSE_SIZE) // LOBE_SIZE
 
     def stiffness(self) -> Array:
-        """Weights ρ (K,)."""
+        """Weights ρ (K,) of the squared deviations from the centre."""
         return self.variance / np.array(PRIOR_SD * self.lobes + (DIFFUSE_SD,) * DIFFUSE_SIZE) ** 2
 
     @property
@@ -60,11 +60,14 @@ class Prior:
         return min(_narrowest(self.centre[LOBE_SIZE * k : LOBE_SIZE * (k + 1)]) for k in range(self.lobes))
 
     def scaled(self, share: float) -> "Prior":
-        """The prior with a share of its weight."""
+        """The prior with this share of its weight."""
         return replace(self, variance=share * self.variance)
 
     def shared(self, other: "Prior") -> "Prior":
-        """Prior of texels of which another region has a part: of two lobes one of each region, the other's of one."""
+        """Prior of texels that this region shares with another.
+
+        Two lobes are the main lobes of the two regions; one lobe is the main lobe of the other region.
+        """
         k, diffuse = LOBE_SIZE * other.main, LOBE_SIZE * self.lobes
         lobes = [other.centre[k : k + LOBE_SIZE]]
         if self.lobes == 2:
@@ -74,29 +77,29 @@ class Prior:
         return replace(self, centre=np.concatenate([*lobes, normal]))
 
     def row(self) -> dict[str, Any]:
-        """The prior as its file holds it."""
+        """The prior as a JSON value."""
         lone = None if self.lone is None else self.lone.row()
         return {"centre": self.centre.tolist(), "variance": self.variance, "main": self.main, "lone": lone}
 
     @classmethod
     def from_row(cls, row: dict[str, Any]) -> "Prior":
-        """The prior that a file holds."""
+        """The prior that a JSON value holds."""
         lone = None if row["lone"] is None else cls.from_row(row["lone"])
         return cls(np.array(row["centre"], float), float(row["variance"]), int(row["main"]), lone)
 
 
 @dataclass(frozen=True)
 class Priors:
-    """What the fits of a fabric start from: a prior for each region, and what of its samples is trusted.
+    """Priors of a fabric's regions, and the trust in its samples.
 
     Attributes
     ----------
     regions
         A prior for each region.
     lights : (light,) float32
-        Factors of the weights of the samples of each training light.
+        Factor of the weights of each training light's samples.
     outliers
-        Whether some samples are outliers, so that the loss is Huber's.
+        Whether some samples are outliers, so that fits take robust weights.
     """
 
     regions: list[Prior]
@@ -104,19 +107,19 @@ class Priors:
     outliers: bool = False
 
     def write(self, path: Path, lights: list[Light]) -> None:
-        """Write the priors as JSON; of the lights those that have not their full weight, by name."""
+        """Write the priors as JSON, with the names and factors of the lights that do not have full weight."""
         odd = {light.name: round(float(w), 4) for light, w in zip(lights, self.lights, strict=True) if w < 1}
         trust = {"lights": odd, "outliers": self.outliers}
         write_json(path, {"regions": [prior.row() for prior in self.regions], "trust": trust})
 
     @classmethod
     def read(cls, path: Path, fabric: Fabric) -> "Priors":
-        """Priors of a fabric, which `kinran prior` wrote.
+        """Read the priors of a fabric, which `kinran prior` wrote.
 
         Raises
         ------
         InputError
-            The file is missing, is something else, or is of another fabric.
+            The file is missing, holds no priors, or holds them for fewer regions than the fabric has.
         """
         value, regions = read_json(path), int(fabric.labels.max()) + 1
         try:

@@ -34,27 +34,28 @@ Values = NDArray[np.float32]
 FOLDS, FEW_FOLDS, MANY_LIGHTS = 8, 4, 256
 """Folds of the lights, fewer where there are more than `MANY_LIGHTS`, so that a choice takes seconds. A choice."""
 SAMPLE = 1024
-"""Texels that the choice is made on."""
+"""Texels on which the candidates are compared. A choice; no command compares other numbers."""
 LEAST_GAIN_DB = 0.3
-"""What a residual has to gain in cross-validation to be worth its bytes."""
+"""Gain in cross-validated PSNR, dB, that a residual needs to be worth its bytes. A choice: that of a lobe
+(`kinran.fit.candidates.DB_A_BYTE`)."""
 SURE = 2.0
-"""Standard errors, over pairs of lights, from which a gain counts as sure: about one chance in forty."""
+"""Standard errors, over pairs of lights, from which a gain counts as sure: about one chance in forty. A choice."""
 COMPONENTS = (4, 9, 16)
-"""Numbers of principal components that are tried: those of hemispherical harmonics of two to four orders."""
+"""Numbers of principal components that are tried: those of hemispherical harmonics of two to four orders. Choices."""
 SMOOTHING = (1e-3, 1e-2, 3e-2, None)
-"""Of thin plates; None are harmonics."""
+"""Smoothing of thin plates that is tried; None takes harmonics instead. Choices."""
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
-"""Shares of the lobes in a picture that are tried; 0 leaves everything to the residual."""
+"""Shares of the lobes in a picture that are tried; 0 leaves everything to the residual. Choices."""
 
 Key = tuple[float, int, float | None]
-"""Share of the lobes, components, smoothing."""
+"""Share of the lobes, number of components, smoothing."""
 ALONE: Key = (1.0, 0, 0.0)
 """The lobes without a residual."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """What cross-validation chose: 0 components are the lobes alone."""
+    """Residual that cross-validation chose, and its PSNR in dB; 0 components are the lobes alone."""
 
     share: float
     components: int
@@ -65,7 +66,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the stage reads."""
+    """Files that the stage reads."""
 
     fabric: Annotated[Path, "folder of the fabric: radiance.zarr, labels.exr, regions.json"]
     prior: Annotated[Path, "priors of the regions (.json)"]
@@ -75,7 +76,7 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Outputs:
-    """What the stage writes."""
+    """Files that the stage writes."""
 
     material: Annotated[Path, "OUT", "material with the residual (.exr)"]
     summary: Annotated[Path, "choice and cost (.json)"]
@@ -83,13 +84,13 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Options:
-    """How the stage runs."""
+    """Options of the run."""
 
     threads: Annotated[int, "threads of this machine"] = 1
 
 
 def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
-    """Choose on a sample of texels, then make the maps tile by tile."""
+    """Choose the residual on a sample of texels, then make its maps tile by tile."""
     start = time.process_time()
     fabric = Fabric(inputs.fabric)
     material = read_material(inputs.material)
@@ -112,7 +113,7 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
 
 
 def _summary(fitted: dict[str, Any], choice: Choice, seconds: float) -> dict[str, Any]:
-    """Summary of a fit with what the residual was, and cost, on top."""
+    """Summary of a fit with its residual, and the cost of both."""
     seconds += fitted["cpu_seconds"]
     peak = max(fitted["peak_mb"], resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
     return {
@@ -133,23 +134,23 @@ def _summary(fitted: dict[str, Any], choice: Choice, seconds: float) -> dict[str
 
 
 def _peak(fabric: Fabric) -> float:
-    """99.9th percentile of the training radiance, of a sample of tiles."""
+    """Largest 99.9th percentile of the training radiance in a sample of tiles."""
     boxes = fabric.stack.tiles()[:: max(1, len(fabric.stack.tiles()) // 16)]
     tiles = (read_samples(fabric, box) for box in boxes)
     return max(float(np.percentile(tile.under.reaching(tile.T), 99.9)) for tile in tiles)
 
 
 def _spread(shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Mask (y, x) of the texels that the choice is made on."""
+    """Mask (y, x) of the texels on which the candidates are compared."""
     chosen = np.zeros(int(np.prod(shape)), bool)
     chosen[np.linspace(0, chosen.size - 1, min(SAMPLE, chosen.size)).astype(int)] = True
     return chosen.reshape(shape)
 
 
 def cross_validate(samples: Samples, lobes: Lobes, priors: list[Prior], domain: str, threads: int = 1) -> Choice:
-    """Share, components and smoothing by lights left out: see `pick`.
+    """Choose share, components and smoothing of a residual by cross-validation over lights: see `pick`.
 
-    Lobes are fitted anew in each fold. Lights that are outside of those they are predicted from do not count: that is
+    Lobes are fitted anew in each fold. Lights outside the hull of the fitted ones do not count: to predict them is
     extrapolation, which punishes what is right inside.
 
     Parameters
@@ -157,7 +158,7 @@ def cross_validate(samples: Samples, lobes: Lobes, priors: list[Prior], domain: 
     priors
         A prior for each region.
     domain
-        Display-like values, by the name that `kinran_bsdf.residual.Residual` has for them.
+        Name that `kinran_bsdf.residual.Residual` has for the display-like values.
     """
     samples = samples.unshared()
     under, lights = samples.under, samples.under.directions
@@ -179,15 +180,16 @@ def cross_validate(samples: Samples, lobes: Lobes, priors: list[Prior], domain: 
 
 
 def pick(scores: dict[Key, Array]) -> Choice:
-    """Of the candidates that pay, that with the largest share of the lobes than which none is surely better.
+    """Choose the residual with the largest share of the lobes among those that pay and that none surely beats.
 
-    Surely: by `SURE` standard errors of pairs of lights, since few decide [after the rule of one standard error,
-    Breiman1984]. A candidate pays that surely gains, and at least `LEAST_GAIN_DB`; where none does, the lobes alone.
+    One candidate surely beats another by `SURE` standard errors of pairs of lights; a few lights decide (after the rule
+    of one standard error [Breiman1984]). A candidate pays if it surely beats the lobes alone, and by `LEAST_GAIN_DB` at
+    least. Where none pays, the lobes stay alone.
 
     Parameters
     ----------
     scores
-        PSNR (light,) of each light left out, by candidate; among them `ALONE`.
+        PSNR (light,) in dB of each light left out, by candidate; `ALONE` is among them.
     """
     means = {key: float(values.mean()) for key, values in scores.items()}
 
@@ -231,7 +233,7 @@ def _psnr(predicted: Values, truth: Values, usable: Values) -> float:
 
 @dataclass(frozen=True)
 class _Left:
-    """What the lobes of a fabric's material leave, of which the maps are made."""
+    """The remainder that the lobes of a fabric's material leave, and the maps of its residual."""
 
     fabric: Fabric
     lobes: Material

@@ -1,6 +1,6 @@
-"""Huber's loss: samples far from an earlier fit count by how far they are off, not by its square.
+"""Robust weights, by Huber's loss: samples far from the last fit count by their distance, not by its square.
 
-`kinran.fit.trust` says where it is better than least squares: on clean samples it costs 2 to 15 % in error.
+`kinran.fit.trust` decides where they are better than least squares: on clean samples they cost 2 to 15 % in error.
 """
 
 from dataclasses import replace
@@ -19,18 +19,18 @@ from kinran.fit.slope_lobes import Lobes
 Single = NDArray[np.float32]
 
 ROUNDS = 6
-"""Rounds of reweighting; a choice."""
+"""Rounds of reweighting. A choice."""
 HUBER_FLOOR, HUBER_SHARE = 0.02, 0.05
-"""Parts of the texel's level and of the model up to which a residual counts by its square: what lobes leave of clean
-samples. A choice; `kinran bench stability` has what it gains and costs."""
+"""Shares of the texel's level and of the model's value up to which a residual counts by its square: about what lobes
+leave of clean samples. A choice; `kinran bench stability` measures its gain and cost."""
 
 
 def robust(
     samples: Samples, lobes: Lobes, priors: list[Prior] | None = None, threads: int = 1
 ) -> tuple[SlopeFit, Samples]:
-    """Fit with Huber's loss; returns the fit, and the samples with the weights that it comes to.
+    """Fit with Huber's loss, and return the fit and the samples with their robust weights.
 
-    A residual over (0.02 of the texel's level + 0.05 of the model) counts by its size, not by its square.
+    A residual over 0.02 of the texel's level + 0.05 of the model's value counts by its size, not by its square.
     Parameters are those of `kinran.fit.slope.fit`.
     """
     T, W = samples.T, samples.W
@@ -47,7 +47,7 @@ def robust(
 
 
 def _without_spikes(samples: Samples) -> Single:
-    """Samples cut at the second largest of their three nearest lights, so that the start is robust, too."""
+    """Samples (texel, 3, light) cut at the second largest of their three nearest lights, for a robust start."""
     s = frames.slopes(samples.under.directions)
     near = cKDTree(s).query(s, min(4, len(s)))[1][:, 1:]
     if near.shape[1] < 2:

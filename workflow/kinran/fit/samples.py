@@ -24,8 +24,8 @@ Labels = NDArray[np.intp]
 T_ = TypeVar("T_", bound=np.generic)
 
 SATURATED_WEIGHT = 0.2
-"""Weight of a saturated sample of a photograph, which says only 'at least this much'. A choice: no measurement of its
-own stands behind it; `kinran.fit.bounded` goes over these samples as bounds."""
+"""Weight of a saturated sample of a photograph, whose true value is at least the stored one. A choice; no command
+compares other weights. `kinran.fit.bounded` refits these samples as bounds."""
 
 
 @dataclass(frozen=True)
@@ -35,15 +35,15 @@ class Samples:
     Attributes
     ----------
     T : (texel, 3, light) float32
-        Radiance in the stack's unit, square on: the falloff of the lamps is taken out.
+        Radiance in the stack's unit, without the falloff of the lamps.
     W : (texel, light) float32
-        Weights: 0 for what is not to be used.
+        Weights; 0 for samples that are not used.
     under
         Directions under which the texels were seen.
     region, second : (texel,) int
-        Region of each texel, and the one that shares it; the same where none does.
+        Region of each texel, and the region that shares the texel; the same where none does.
     bounds : (texel, light) float32 or None
-        Weights of saturated samples, as the lower bounds that they are; 0 elsewhere. None where nothing is saturated.
+        Weights of saturated samples as lower bounds; 0 elsewhere. None where nothing is saturated.
     """
 
     T: Single
@@ -71,7 +71,7 @@ class Samples:
         return len(self.T)
 
     def usable(self) -> NDArray[np.bool_]:
-        """Samples (texel, 3, light) that count."""
+        """Mask (texel, 3, light) of the samples that are finite and have weight."""
         return (self.W > 0)[:, None] & np.isfinite(self.T)
 
     def of(self, texels: Index) -> "Samples":
@@ -91,12 +91,12 @@ class Samples:
         return replace(self, W=self.W * by, bounds=None if self.bounds is None else self.bounds * by)
 
     def unshared(self) -> "Samples":
-        """Samples as if no texel had a part of a second region."""
+        """The samples with no texel shared between two regions."""
         return replace(self, second=self.region)
 
 
 def training_lights(stack: Stack) -> NDArray[np.intp]:
-    """Indices of the lights that fits may see."""
+    """Indices (light,) of the lights that fits may see."""
     return np.flatnonzero(~stack.held_out)
 
 
@@ -121,7 +121,7 @@ def read_samples(fabric: Fabric, box: Box) -> Samples:
 
 
 def read_some(fabric: Fabric, chosen: NDArray[np.bool_]) -> Samples:
-    """Samples of the texels of a fabric that a mask (y, x) names, in the order of its tiles."""
+    """Samples of the texels of a fabric in a mask (y, x), in the order of the tiles."""
     parts = []
     for box in fabric.stack.tiles():
         inside = np.flatnonzero(chosen[box[0] : box[1], box[2] : box[3]])
@@ -131,7 +131,7 @@ def read_some(fabric: Fabric, chosen: NDArray[np.bool_]) -> Samples:
 
 
 def concatenated(parts: Sequence[Samples]) -> Samples:
-    """Samples of texels one part after the other, under the same lamps."""
+    """Join samples of texels under the same lamps, one part after the other."""
     bounds = None
     if any(part.bounds is not None for part in parts):
         bounds = np.concatenate([np.zeros_like(p.W) if p.bounds is None else p.bounds for p in parts])
@@ -142,7 +142,7 @@ def concatenated(parts: Sequence[Samples]) -> Samples:
 
 
 def spread_over_regions(labels: LabelMap | Labels, regions: int, most: int) -> NDArray[np.bool_]:
-    """Mask, (y, x) or (texel,) as the labels, of at most so many texels of each region, evenly through it."""
+    """Mask, (y, x) or (texel,) as the labels, of at most `most` texels of each region, evenly through it."""
     chosen = np.zeros(labels.size, bool)
     for k in range(regions):
         inside = np.flatnonzero(labels.reshape(-1) == k)
@@ -161,7 +161,7 @@ def texels_first(
         In float16, which is what a stack holds.
     flags : (light, y, x, 3) uint8
     weight_of : (256,) float32
-        Weight of a sample by the flags of its channels together.
+        Weight of a sample by the union of its channels' flags.
 
     Returns
     -------
@@ -180,13 +180,13 @@ def texels_first(
 
 
 def _padded(rows: NDArray[T_], multiple: int) -> NDArray[T_]:
-    """Rows made as long as a multiple of something."""
+    """Rows padded with zeros to a multiple of this length."""
     missing = -rows.shape[1] % multiple
     return np.ascontiguousarray(np.pad(rows, ((0, 0), (0, missing))) if missing else rows)
 
 
 def _weights(saturated: float) -> Single:
-    """Weight by flags: `saturated` for what only says 'at least this much', 0 for defects and what had moved."""
+    """Weight (256,) by flags: `saturated` for saturated samples, 0 for defects and for samples that had moved."""
     bits = np.arange(256)
     weight = np.where(bits & SATURATED, saturated, 1.0)
     return np.where(bits & (HOT | SHIFTED), 0.0, weight).astype(np.float32)

@@ -1,4 +1,4 @@
-"""How far the priors of regions are to be trusted: by lights left out."""
+"""Shrinkage: the weight of each region's prior, chosen by cross-validation over lights."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,25 +12,27 @@ from kinran.fit.slope_lobes import Lobes
 Array = NDArray[np.float64]
 
 STRENGTHS = (1.0, 0.1, 0.0)
-"""Shares of a prior's weight that are tried."""
+"""Shares of a prior's weight that are tried, the largest first. Choices; no command compares others."""
 FOLDS = 4
 """Folds of the lights. A choice: the priors are for few lights, of which each fold leaves three quarters."""
 SURE = 2.0
-"""Standard errors by which a weaker prior has to be better, over lights."""
+"""Standard errors, over lights, by which a weaker prior has to be better. A choice: about one chance in forty."""
 
 
 def weigh(priors: list[Prior], samples: Samples, lobes: Lobes, threads: int = 1) -> list[Prior]:
-    """Each region's prior with as much of its weight as lights left out bear.
+    """Give each region's prior the largest share of its weight that no smaller one surely beats on lights left out.
 
-    A prior says that a region has one shape and texels differ by little. Where it has several, as where some texels
-    see a highlight and others have it between their lights, few samples do not outvote it. So it is kept whole unless
-    less of it is surely better, by pairs of lights. Where nothing of it is left, `slope.fit` holds the amplitudes of
-    Gaussian lobes instead.
+    A prior says that a region has one shape from which its texels differ little. Where a region has several, as where
+    some texels see a highlight and others have it between their lights, few samples do not outvote the prior. So it is
+    kept whole unless a smaller share is surely better, by pairs of lights. Where no weight is left, `slope.fit` holds
+    the amplitudes of Gaussian lobes instead. With `slope.FEW` lights or more, priors are returned as they are.
 
     Parameters
     ----------
     priors
-        A prior for each region, of a sample of its texels.
+        A prior for each region.
+    samples
+        Samples of some texels of every region.
     """
     if samples.under.count >= slope.FEW:
         return priors  # many directions outvote any prior
@@ -40,7 +42,7 @@ def weigh(priors: list[Prior], samples: Samples, lobes: Lobes, threads: int = 1)
 
 
 def _errors(priors: list[Prior], samples: Samples, lobes: Lobes, threads: int) -> Array:
-    """Weighted squared errors (texel, light) of lights left out, of those that the others surround."""
+    """Weighted squared errors (texel, light) under lights left out, of those that the others surround."""
     lights = samples.under.directions
     fold = deal(lights, FOLDS)
     error, counted = np.zeros(samples.W.shape), np.zeros(len(lights), bool)
@@ -55,7 +57,7 @@ def _errors(priors: list[Prior], samples: Samples, lobes: Lobes, threads: int) -
 
 
 def _strongest(errors: list[Array]) -> int:
-    """Index of the first, of errors (texel, light) by falling strength, than which none is surely better."""
+    """Index of the first prior that none surely beats; errors are (texel, light), for priors of falling weight."""
     if not len(errors[0]):
         return 0
     decibel = [-10 * np.log10(e.mean(0) + 1e-12) for e in errors]

@@ -1,4 +1,4 @@
-"""Maps of how well the lights fix a fitted material: a standard deviation a channel, and what is not resolved."""
+"""Map the standard deviation of each channel of a fitted material, and the widths that the lights do not resolve."""
 
 import math
 from dataclasses import dataclass
@@ -26,16 +26,17 @@ Array = NDArray[np.float64]
 Map = NDArray[np.float32]
 
 UNSURE = 0.3
-"""Standard deviation of the logarithm of a lobe's area from which its width counts as not resolved."""
+"""Standard deviation of the logarithm of a lobe's area from which its width counts as not resolved. A choice."""
 AT_BOUND = 1.02
-"""Times the least width that the lights resolve: a lobe at its bound is up to rounding as narrow as that."""
+"""Width of a lobe, over the least width that the lights resolve, up to which it counts as at that bound: rounding alone
+makes no more of it. A choice."""
 MAP_WIDTH = 200
 """Pixels across each map of the picture."""
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the stage reads."""
+    """Files that the stage reads."""
 
     fabric: Annotated[Path, "folder of the fabric: radiance.zarr, labels.exr, regions.json"]
     prior: Annotated[Path, "priors of the regions (.json)"]
@@ -44,7 +45,7 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Outputs:
-    """What the stage writes."""
+    """Files that the stage writes."""
 
     maps: Annotated[Path, "OUT", "maps sigma.CHANNEL and LOBE.unresolved (.exr)"]
     summary: Annotated[Path, "medians of each region (.json)"]
@@ -53,7 +54,7 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Options:
-    """How the stage runs."""
+    """Options of the run."""
 
     threads: Annotated[int, "threads of this machine"] = 1
 
@@ -91,7 +92,7 @@ def _tile(part: Material, tile: Samples, priors: Priors, least: float, threads: 
 
 
 def parameters(material: Material) -> SlopeFit:
-    """The fit, in the stack's unit, that a slope material was made from; its cost is not known."""
+    """The fit, in the stack's unit, that a slope material was made from; its cost is not known, and NaN."""
     back = np.pi * np.linalg.inv(material.from_stack)
     (diffuse, normals), *lobes = material.terms()
     shapes = []
@@ -108,7 +109,7 @@ def parameters(material: Material) -> SlopeFit:
 
 
 def deviations(material: Material, shapes: Array, covariance: Array) -> dict[str, Array]:
-    """``sigma.CHANNEL`` (texel,) of each shape and colour; of a colour times its amplitude, in 1/sr."""
+    """Deviations ``sigma.CHANNEL`` (texel,) of each shape and colour; colours times their amplitudes, in 1/sr."""
     maps = {}
     for k in range(material.lobes):
         at = slice(LOBE_SIZE * k, LOBE_SIZE * (k + 1))
@@ -126,7 +127,15 @@ def deviations(material: Material, shapes: Array, covariance: Array) -> dict[str
 
 
 def propagated(covariance: Array, jacobian: Array) -> Array:
-    """Standard deviations (texel, m) of values with these derivatives (texel or 1, m, n) by the parameters."""
+    """Standard deviations (texel, m) of values, from the covariance (texel, n, n) of parameters and its Jacobian.
+
+    Parameters
+    ----------
+    covariance : (texel, n, n)
+        Infinite on the diagonal where nothing fixes a parameter; values that depend on it are infinite, too.
+    jacobian : (texel or 1, m, n)
+        Derivatives of the values by the parameters.
+    """
     known = np.isfinite(np.diagonal(covariance, axis1=1, axis2=2))
     finite = np.where(known[:, :, None] & known[:, None], covariance, 0)
     J = np.broadcast_to(jacobian, (len(covariance), *jacobian.shape[1:]))
@@ -148,10 +157,10 @@ def _of_widths(lobe: Array) -> Array:
 
 
 def unresolved(fitted: SlopeFit, covariance: Array, least: float) -> dict[str, Array]:
-    """``LOBE.unresolved`` (texel,): 1 where the light grid cannot tell how wide a lobe is.
+    """Maps ``LOBE.unresolved`` (texel,): 1 where the lights cannot tell how wide a lobe is.
 
-    It is no wider than `least`, half of the distance of two lights, along one of its axes; or the logarithm of its
-    area has a standard deviation over 0.3.
+    Such a lobe is no wider than `least`, the least width that the lights resolve, along one of its axes; or the
+    logarithm of its area has a standard deviation over 0.3.
     """
     maps = {}
     for k in range(fitted.lobes.count):
@@ -166,7 +175,7 @@ def unresolved(fitted: SlopeFit, covariance: Array, least: float) -> dict[str, A
 
 
 def summary(material: Material, maps: dict[str, Map], inside: NDArray[np.bool_]) -> dict[str, dict[str, float | None]]:
-    """Medians over the texels of a region that have the lobe: facets in degrees, colours relative to themselves."""
+    """Medians over the texels of a region that have the lobe: directions in degrees, amplitudes relative."""
     result = {}
     for k in range(1, material.lobes + 1):
         lobe = f"lobe{k}"
@@ -183,13 +192,13 @@ def summary(material: Material, maps: dict[str, Map], inside: NDArray[np.bool_])
 
 
 def normal_degrees(maps: dict[str, Map], lobe: str) -> Array:
-    """Standard deviation of a lobe's direction, in degrees."""
+    """Standard deviation (y, x) of a lobe's direction, in degrees."""
     x, y = (maps[f"sigma.{lobe}.{axis}"].astype(float) for axis in "xy")
     return np.asarray(np.degrees(np.arctan(np.hypot(x, y))))
 
 
 def relative(material: Material, maps: dict[str, Map], lobe: str) -> Array:
-    """Standard deviation of a lobe's strongest channel over its amplitude."""
+    """Largest standard deviation (y, x) of a lobe's three colours, over its amplitude."""
     sd = np.max([maps[f"sigma.{lobe}.{c}"] for c in "RGB"], axis=0)
     return np.asarray(sd / np.maximum(material.channels[f"{lobe}.amplitude"], 1e-12), float)
 
@@ -200,7 +209,7 @@ def _median(values: Array) -> float | None:
 
 
 def picture(material: Material, maps: dict[str, Map]) -> pictures.Picture:
-    """A row a lobe."""
+    """Picture of the maps, one row for each lobe."""
     rows = []
     for k in range(1, material.lobes + 1):
         lobe = f"lobe{k}"
@@ -215,5 +224,5 @@ def picture(material: Material, maps: dict[str, Map]) -> pictures.Picture:
 
 
 def _finite(values: Array, there: NDArray[np.bool_]) -> Array:
-    """Nothing where there is no lobe; what has no bound is as large as can be shown."""
+    """Values (y, x) to be shown: 0 where there is no lobe, 1e9 where the deviation has no bound."""
     return np.where(there, np.minimum(np.nan_to_num(values, posinf=1e9), 1e9), 0)

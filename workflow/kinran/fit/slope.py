@@ -1,4 +1,4 @@
-"""The `slope` model fitted to samples: bounds, priors, starts, threads."""
+"""Fit the `slope` model to samples: bounds, priors, starts, threads."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -23,9 +23,10 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 ITERATIONS = 12
-"""Iterations at most; `kinran bench fit` measures what fewer give."""
+"""Most iterations of a search; `kinran bench fit` measures the error after fewer."""
 TOLERANCE = 3e-4
-"""Share of the cost that a step has to promise, and to gain, for the search to go on."""
+"""Share of the cost that a step has to promise, and to gain, for the search to go on. A choice; `kinran bench fit`
+measures the error and the time that it leads to."""
 BLOCK = 256
 """Texels of a job of a thread: 3.5 MB of samples under the paper's grid."""
 MAX_WIDTH = 2.0
@@ -33,12 +34,14 @@ MAX_WIDTH = 2.0
 NARROWEST = 0.02
 """Smallest width (1/e, in slopes) of a lobe. A choice: half of the distance of lights 5° apart is 0.022."""
 SCOUTS = 2
-"""Iterations, at most, of the lone GGX lobe that two lobes start from."""
+"""Most iterations of the lone GGX lobe that two lobes start from. A choice."""
 NEEDLE = {1: 0.5, 2: 0.6}
-"""Share of the distance of two lights below which a lobe is a needle between them."""
+"""Width, over the distance of neighbouring lights, below which one or two lobes are needles between lights. `kinran
+bench stability` compares these widths with a fixed one."""
 FEW = 150
-"""With fewer lights a lobe may stand between them: a second start is tried, at the brightest sample; and priors have
-a say: a second one is tried at texels that two regions share."""
+"""Number of lights below which a lobe may stand between them: a second start is tried, at the brightest sample, and a
+second prior at texels that two regions share. From this number on, samples outvote both priors (docs/fit.md, "Mixed
+texels")."""
 
 
 @dataclass(frozen=True)
@@ -48,13 +51,13 @@ class SlopeFit:
     Attributes
     ----------
     lobes
-        What was fitted.
+        Lobes that were fitted.
     shapes : (texel, K) float64
-        (μ_x, μ_y, α, β, γ) a lobe, the narrower lobe first, then the slopes of the diffuse normal.
+        (μ_x, μ_y, α, β, γ) of each lobe, the narrower lobe first, then the slopes of the diffuse normal.
     colours : (texel, lobes + 1, 3) float64
         Amplitudes of the lobes and of the diffuse term, in the unit of the samples.
     cost : (texel,) float64
-        Weighted squared residual.
+        Weighted sum of the squared residuals.
     """
 
     lobes: Lobes
@@ -64,7 +67,7 @@ class SlopeFit:
 
     @classmethod
     def empty(cls, lobes: Lobes, texels: int) -> "SlopeFit":
-        """A fit to be filled."""
+        """A fit of zeros, to be filled by `put`."""
         return cls(lobes, np.zeros((texels, lobes.size)), np.zeros((texels, lobes.count + 1, 3)), np.zeros(texels))
 
     @property
@@ -90,7 +93,7 @@ class SlopeFit:
         return self.shapes[:, LOBE_SIZE * k : LOBE_SIZE * (k + 1)]
 
     def predict(self, under: Under) -> Single:
-        """T (texel, 3, light) under some lights, square on, in the unit of the samples."""
+        """T (texel, 3, light) under some lights, without falloff, in the unit of the samples."""
         prepare()
         out = np.empty((len(self.shapes), 3, under.count), np.float32)
         tail = TAILS[self.lobes.tail]
@@ -110,10 +113,9 @@ class SlopeFit:
 
 
 def resolution(lights: Array, lobes: int = 1) -> float:
-    """Smallest lobe width (1/e, in slopes) that light directions (n, 3) can tell from a needle between two.
+    """Smallest lobe width (1/e, in slopes) that light directions (n, 3) can tell from a needle between two lights.
 
-    It is half of the median distance to the nearest other light in slope space, more for two lobes, and at least
-    `NARROWEST`.
+    It is `NEEDLE` times the median distance to the nearest other light in slope space, and at least `NARROWEST`.
     """
     s = frames.slopes(lights)
     if len(s) < 2:
@@ -141,13 +143,13 @@ def fit(
     priors
         A prior for each region; without them every texel stands alone.
     threads
-        Of the machine; the result does not depend on it.
+        Number of threads; the result does not depend on it.
     start : (texel, K)
-        Shapes to start from; by default from the moments of the highlight.
+        Shapes to start from; by default the moments of the highlight give them.
     narrow
-        Smallest width of a lobe; by default what the lights resolve.
+        Smallest width of a lobe (1/e, in slopes); by default the width that the lights resolve.
     iterations
-        At most.
+        Most iterations of a search.
     """
     assert samples.T.shape == (len(samples), 3, samples.under.count)
     prepare()
@@ -176,7 +178,7 @@ def _blocks(samples: Samples) -> list[tuple[int, Index]]:
 
 
 def _least(under: Under, lobes: Lobes, narrow: float | None) -> Array:
-    """Smallest width (texel,) of a lobe by the lights alone."""
+    """Smallest width (texel,) of a lobe: `narrow`, or the width that the lights resolve."""
     least = np.empty(len(under.cell))
     for cell, at in under.cells():
         least[at] = resolution(under.lights[cell], lobes.count) if narrow is None else max(narrow, NARROWEST)
@@ -185,7 +187,7 @@ def _least(under: Under, lobes: Lobes, narrow: float | None) -> Array:
 
 @dataclass(frozen=True)
 class _Job:
-    """What is fitted, from which block after block is taken."""
+    """Samples, model and priors of a fit, which is done block by block."""
 
     samples: Samples
     lobes: Lobes
@@ -237,15 +239,16 @@ class _Job:
 
 
 def _nothing(least: Array, lobes: Lobes) -> Given:
-    """Bounds alone, for widths of at least `least` (texel,)."""
+    """Bounds without a prior, for widths of at least `least` (texel,)."""
     count = len(least)
     return Given(least, MAX_WIDTH, np.zeros((count, lobes.size)), np.zeros((count, lobes.size)), np.zeros(count, bool))
 
 
 def _given(priors: list[Prior], region: NDArray[np.intp], least: Array) -> Given:
-    """What the priors of regions (texel,) say, where these do not resolve less than the lights.
+    """Bounds and priors of texels by their region (texel,).
 
-    Where a prior was given no weight at all (`kinran.fit.shrinkage`), amplitudes are held instead.
+    A lobe may be as narrow as its region's where that is narrower than the lights resolve. Where a prior has no weight
+    at all (`kinran.fit.shrinkage`), amplitudes are held instead.
     """
     widths = np.array([prior.narrowest for prior in priors])
     centre, stiffness = np.stack([p.centre for p in priors]), np.stack([p.stiffness() for p in priors])
@@ -255,12 +258,12 @@ def _given(priors: list[Prior], region: NDArray[np.intp], least: Array) -> Given
 
 
 def _of_texels(given: Given, at: NDArray[np.intp]) -> Given:
-    """What is known of some texels."""
+    """Bounds and priors of some of the texels."""
     return Given(given.narrow[at], given.wide, given.centre[at], given.stiffness[at], given.dark[at])
 
 
 def _rows(directions: Array, half: Array) -> Light:
-    """Rows of lights (light, 3) and half-vector slopes (light, 2) as the solver takes them."""
+    """Lights (light, 3) and half-vector slopes (light, 2) in the solver's layout."""
     # the solid angle that a direction of a polar grid stands for
     solid = np.sqrt(np.maximum(1 - directions[:, 2] ** 2, 0)) + 0.02
     rows = np.zeros((6, -(-len(directions) // LANES) * LANES), np.float32)
@@ -269,7 +272,7 @@ def _rows(directions: Array, half: Array) -> Light:
 
 
 def _at_brightest(shapes: Array, T: Single, W: Single, lights: Light, given: Given) -> Array:
-    """Start with the first lobe at the brightest sample, and with the prior's shapes where there is one."""
+    """Shapes (texel, K) to start from: the first lobe at the brightest sample, the rest from the prior if any."""
     start = np.where(given.stiffness > 0, given.centre, shapes)
     brightest = np.where(W > 0, T.mean(1), -np.inf).argmax(1)
     start[:, :2] = lights.S.T[brightest]
@@ -277,7 +280,7 @@ def _at_brightest(shapes: Array, T: Single, W: Single, lights: Light, given: Giv
 
 
 def _better(one: SlopeFit, other: SlopeFit, of_one: Given, of_other: Given) -> SlopeFit:
-    """Of two fits of each texel, the one of less cost and penalty."""
+    """The better of two fits of each texel, by cost and the prior's penalty together."""
     total = [f.cost + (g.stiffness * (f.shapes - g.centre) ** 2).sum(1) for f, g in ((one, of_one), (other, of_other))]
     take = total[1] < total[0]
     return SlopeFit(
@@ -289,7 +292,7 @@ def _better(one: SlopeFit, other: SlopeFit, of_one: Given, of_other: Given) -> S
 
 
 def _sorted(fitted: SlopeFit) -> SlopeFit:
-    """The narrower of two lobes first."""
+    """The fit with the narrower of two lobes first."""
     P, C = fitted.shapes, fitted.colours
     if C.shape[1] == 3:
         swap = P[:, 2] + P[:, 4] < P[:, 7] + P[:, 9]

@@ -1,4 +1,4 @@
-"""Which lobes a slope model has: their tail, their number, and whether the diffuse normal is free."""
+"""The lobes of a slope model: their tail, their number, and whether the diffuse normal is free."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from kinran.fit.solver.lobes import DIFFUSE_SIZE, LOBE_SIZE
 
 @dataclass(frozen=True)
 class Lobes:
-    """What the slope model consists of.
+    """Lobes of a slope model.
 
     Attributes
     ----------

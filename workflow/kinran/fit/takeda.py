@@ -13,14 +13,15 @@ from kinran.fit.samples import Samples
 Array = NDArray[np.float64]
 
 FLOOR = 0.05
-"""Samples below this share of the peak do not enter the widths: their logarithm is noise."""
+"""Share of the peak below which samples do not enter the widths: their logarithm is noise. A choice; the paper names
+none."""
 FLAT = 20.0
-"""dp of a lobe without an azimuth, which is what a peak at the pole leaves."""
+"""Width dp, in radians, of a lobe without an azimuth, as one at the pole is: nearly constant over φ. A choice."""
 
 
 @dataclass(frozen=True)
 class TakedaFit:
-    """Eq. 3 of each texel: shapes (texel, 4) θ_n, φ_n, dt, dp and colours (texel, 2, 3) C_s, C_d."""
+    """Parameters of Eq. 3: shapes (texel, 4) θ_n, φ_n, dt, dp in radians, and colours (texel, 2, 3) C_s, C_d."""
 
     shapes: Array
     colours: Array
@@ -28,7 +29,7 @@ class TakedaFit:
     shared: int = 0
 
     def predict(self, under: Under) -> NDArray[np.float32]:
-        """T (texel, 3, light) under some lights, square on, in the unit of the samples."""
+        """T (texel, 3, light) under some lights, without falloff, in the unit of the samples."""
         T = np.empty((len(self.shapes), 3, under.count), np.float32)
         for k, at in under.cells():
             # of slopes (x, y) the angles are those of (x, y, 1)
@@ -53,7 +54,7 @@ def four_steps(samples: Samples, polar_tolerance: float, azimuth_tolerance: floa
     Parameters
     ----------
     polar_tolerance, azimuth_tolerance : float
-        Half widths, in radians, of what counts as the same θ_i and the same φ_i: half a step of a grid.
+        Largest differences, in radians, of equal θ_i and of equal φ_i: half a step of a grid.
     """
     found = TakedaFit(np.empty((len(samples), 4)), np.empty((len(samples), 2, 3)))
     for k, at in samples.under.cells():

@@ -1,4 +1,4 @@
-"""The simplest lobes that explain each texel by itself: a map for people."""
+"""The map of the simplest lobes that explain each texel by itself, for people."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,9 @@ def texel_map(fabric: Fabric, sample: Samples, shown: Display, error: float, thr
     Parameters
     ----------
     sample
-        What the regions' priors are learnt from.
+        Samples that the regions' priors are learned from.
     error
-        Mean squared error of the fabric under lights left out: `simplest` takes a byte's cost from it.
+        Mean squared error of the fabric under lights left out, from which `simplest` takes the cost of a byte.
     """
     priors = [candidate.priors(sample, threads) for candidate in CANDIDATES]
     result = np.zeros(fabric.labels.shape, np.uint8)
@@ -39,9 +39,9 @@ def texel_map(fabric: Fabric, sample: Samples, shown: Display, error: float, thr
 
 
 def left_out(sample: Samples, predicted: Single, shown: Display, numbers: int) -> Array:
-    """Mean squared error (texel,) of displayed values under lights left out, from that under the fitted ones.
+    """Mean squared error (texel,) of displayed values under lights left out, estimated from the fitted lights.
 
-    Generalised cross-validation: n RSS / (n - k)² [Golub1979]; infinite for n ≤ k.
+    The estimate is generalised cross-validation, n RSS / (n - k)² [Golub1979]; it is infinite for n ≤ k.
     """
     usable = sample.usable()
     off = np.where(usable, shown(predicted) - shown(sample.T), 0).astype(float)
@@ -60,7 +60,7 @@ def simplest(errors: list[Array], error: float) -> NDArray[np.intp]:
 
 
 def picture(needs: NDArray[np.uint8]) -> pictures.Picture:
-    """The map with its legend."""
+    """Picture of the map, with its legend."""
     grey = pictures.upright(np.array([40, 150, 250])[needs])
     shown = pictures.enlarge(np.repeat(grey[..., None], 3, 2), MAP_WIDTH)
     return pictures.sheet([[("texels that need no lobe (dark), one, two (light)", shown)]])

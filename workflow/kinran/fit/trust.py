@@ -1,8 +1,8 @@
-"""What of a set is not to be trusted: lights that do not fit in with their neighbours, samples that are outliers.
+"""Find what not to trust in a set: lights that do not fit in with their neighbours, and samples that are outliers.
 
-Lobes are no exact model, and what they leave is not noise: a robust loss everywhere would cost more than it gains. But
+Lobes are no exact model, and their residual is not noise: a robust loss everywhere would cost more than it gains. But
 their residual is as smooth over the lights as a highlight is. A light that stands elsewhere than its list says, or
-flickered, leaves more than its neighbours do in most texels; an outlier leaves more in its own.
+flickered, has larger residuals than its neighbours in most texels; an outlier has them in its own texel.
 """
 
 import numpy as np
@@ -19,22 +19,23 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 NEIGHBOURS = 6
-"""Lights that a light is compared with: a ring around it."""
+"""Number of neighbours that a light is compared with: a ring around it. A choice."""
 ODD = 2.0
-"""How much more than its neighbours a light may leave."""
+"""Residual of a light, over that of its neighbours, from which it loses weight (docs/fit.md, "What is trusted")."""
 ROUNDS = 2
-"""Fits in which lights lose weight: the second is of what the first left out. A choice."""
+"""Fits after which lights lose weight; the second is made without what the first left out. A choice."""
 BETTER = 0.4
-"""Share of the smooth part of the squares of least squares under which Huber's loss is taken for all texels."""
+"""Smoothed squared residual of Huber's fit, over that of least squares, under which all texels take Huber's loss
+(docs/fit.md, "What is trusted")."""
 
 
 def learn(samples: Samples, lobes: Lobes, threads: int) -> tuple[Single, bool]:
-    """What to trust, by free fits to a sample of texels.
+    """Learn which lights to trust and whether samples are outliers, from free fits to a sample of texels.
 
     Returns
     -------
     factors : (light,) float32
-        Of the weights of each light's samples.
+        Factor of the weights of each light's samples.
     outliers : bool
         Whether Huber's loss is better than least squares.
     """
@@ -57,7 +58,7 @@ def learn(samples: Samples, lobes: Lobes, threads: int) -> tuple[Single, bool]:
 
 
 def oddness(left: Array, near: NDArray[np.intp]) -> Array:
-    """How much more each light leaves, in the median of the texels, than its neighbours.
+    """Residual (light,) of each light, in the median of the texels, over that of its neighbours.
 
     Parameters
     ----------
@@ -71,12 +72,12 @@ def oddness(left: Array, near: NDArray[np.intp]) -> Array:
 
 
 def _left(samples: Samples, fitted: SlopeFit) -> Array:
-    """Size (texel, light) of what a fit leaves; NaN where a sample is not used."""
+    """Size (texel, light) of the residuals of a fit; NaN where a sample is not used."""
     size = np.linalg.norm(np.nan_to_num(samples.T) - fitted.predict(samples.under), axis=1)
     return np.where(samples.W > 0, size, np.nan)
 
 
 def _smooth(left: Array, W: Single, near: NDArray[np.intp]) -> float:
-    """Sum of the squares of residuals, each the median of its neighbourhood."""
+    """Weighted sum of the squares of residuals, each replaced by the median of its neighbourhood."""
     known = np.nan_to_num(left)
     return float((W * np.median(known[:, near], 2) ** 2).sum())

@@ -29,7 +29,7 @@ SHOWN = 3
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the stage reads."""
+    """Files that the stage reads."""
 
     fabric: Annotated[Path, "folder of the fabric: radiance.zarr, labels.exr, regions.json"]
     materials: Annotated[tuple[Path, ...], "MODEL.exr beside its MODEL.json; the first is the default"]
@@ -37,7 +37,7 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Outputs:
-    """What the stage writes."""
+    """Files that the stage writes."""
 
     errors: Annotated[Path, "OUT", "errors (.json)"]
     picture: Annotated[Path, "held-out photographs beside predictions (.png)"]
@@ -45,13 +45,19 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Options:
-    """What the errors are called."""
+    """Name that the errors are filed under."""
 
     name: Annotated[str, "name of the fabric"]
 
 
 def main(inputs: Inputs, out: Outputs, options: Options) -> None:
-    """Write the errors of all materials; the first one is the default."""
+    """Write the errors of all materials; the first one is the default.
+
+    Raises
+    ------
+    InputError
+        A material is not of the size of the fabric.
+    """
     fabric = Fabric(inputs.fabric)
     stack = fabric.stack
     result: dict[str, Any] = {
@@ -86,7 +92,7 @@ def main(inputs: Inputs, out: Outputs, options: Options) -> None:
 
 
 def errors_of(held: HeldOut, predicted: Images, labels: LabelMap, regions: list[Region]) -> dict[str, Any]:
-    """Errors of a prediction (light, y, x, 3): over everything, by region, by light and by texel."""
+    """Errors of a prediction (light, y, x, 3): over all texels and lights, by region, by light and by texel."""
     n = len(held.lights)
     p, g, v = (a.reshape(n, -1, 3) for a in (predicted, held.truth, held.valid))
     dp, dg = held.shown(p), held.shown(g)
@@ -121,7 +127,7 @@ def errors_of(held: HeldOut, predicted: Images, labels: LabelMap, regions: list[
 
 
 def _predicted(path: Path, stack: Stack, held: HeldOut) -> Images:
-    """What a material says that the stack holds under the held-out lights."""
+    """Prediction (light, y, x, 3) of a material under the held-out lights, in the unit of the stack."""
     material = read_material(path)
     if material.channels["label"].shape != held.truth.shape[1:3]:
         raise InputError(f"{path}: its size is not that of {stack.path}; fit it again")

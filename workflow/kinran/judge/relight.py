@@ -1,4 +1,4 @@
-"""Relight a material: one picture a light, at the view at which it was measured; lights are directions, far away."""
+"""Relight a material: one picture for each light, from the view of the measurement; the lights are far away."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ from kinran_bsdf.material import Material, read_material
 from kinran_bsdf.relight import relight
 
 BATCH = 16
-"""Lights that are relit at once, so that memory stays at as many pictures."""
+"""Lights that are relit at once, so that memory holds no more pictures; results do not depend on it."""
 
 
 @dataclass(frozen=True)

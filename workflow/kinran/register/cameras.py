@@ -24,8 +24,9 @@ TURN = np.radians(10)
 """Least angle between the two views that are furthest apart: nearer ones tell neither the focal length nor a height. No
 measurement stands behind the angle."""
 OUTLIER = 5.0
-"""Robust standard deviations, and at least half a pixel, by which a corner misses that is left out: of true corners one
-in hundreds of thousands. Corners of a fixed refinement window were off by 2 px where the others are at 0.2."""
+"""Reprojection error, in robust standard deviations and at least half a pixel, above which a corner is left out: that
+takes one true corner in hundreds of thousands. Corners of a fixed refinement window were off by 2 px where the others
+are at 0.2."""
 LOST = 0.25
 """Share of a view's corners that may be left out before the view is not believed: glare on the plate takes some, a bent
 plate or a wrong board all. No measurement stands behind the share."""
@@ -58,7 +59,7 @@ class Cameras:
 
     @property
     def centres(self) -> Array:
-        """Where the cameras stand; (view, 3) in mm."""
+        """Positions (view, 3) of the cameras in mm."""
         return np.asarray(-np.einsum("nji,nj->ni", self.rotations, self.translations))
 
     def project(self, view: int, points: Array) -> Array:
@@ -67,7 +68,7 @@ class Cameras:
         return np.asarray(self._camera().img_from_cam(seen)).reshape(*points.shape[:-1], 2)
 
     def rays(self, view: int, pixels: Array) -> Array:
-        """Directions (..., 3), in board coordinates, of what pixels (..., 2) see from the view's centre."""
+        """Directions (..., 3), in board coordinates, from the view's centre through pixels (..., 2)."""
         normal = np.asarray(self._camera().cam_from_img(pixels.reshape(-1, 2)))
         rays = np.c_[normal, np.ones(len(normal))] @ self.rotations[view]
         return np.asarray(rays).reshape(*pixels.shape[:-1], 3)
@@ -84,7 +85,7 @@ class Cameras:
 
 @dataclass(frozen=True)
 class JudgedCameras:
-    """Cameras, and how well the corners fit them.
+    """Cameras, and the goodness of their fit to the corners.
 
     Attributes
     ----------
@@ -93,9 +94,9 @@ class JudgedCameras:
     rms : (view,) float
         Reprojection error of the corners that were used, in px.
     used, left_out : (view,) int
-        Corners.
+        Numbers of corners that were used and left out.
     free_rms : (view,) float
-        The same with the board's corners left free: a check, not the result.
+        Reprojection error in px with the board's corners left free: a check, not the result.
     bend : (2,) float
         Rms distance in mm of the free corners from where they should be: in the plane, out of it.
     """
@@ -116,7 +117,7 @@ def calibrate(points: Array, views: list[Corners], width: int, height: int) -> J
     points : (corner, 3) float
         The target's corners in mm.
     views
-        What each view shows of them.
+        Corners that each view shows.
     width, height
         Size of every picture in pixels.
 
@@ -148,7 +149,13 @@ def calibrate(points: Array, views: list[Corners], width: int, height: int) -> J
 
 
 def initial(points: Array, views: list[Corners], width: int, height: int) -> Cameras:
-    """Start: the focal length that the homographies agree on [Zhang2000], no distortion, and a pose each."""
+    """Cameras to start from: the focal length of the homographies [Zhang2000], no distortion, and a pose for each view.
+
+    Raises
+    ------
+    InputError
+        The corners of a view fit no pose.
+    """
     flat = [points[view.ids].astype(np.float32) for view in views]
     found = [view.pixels.astype(np.float32) for view in views]
     matrix = cv2.initCameraMatrix2D(flat, found, (width, height))
@@ -174,14 +181,14 @@ def initial(points: Array, views: list[Corners], width: int, height: int) -> Cam
 def adjust(points: Array, views: list[Corners], start: Cameras, free_points: bool = False) -> tuple[Cameras, Array]:
     """Bundle adjustment: least squares of the reprojection errors over lens and poses.
 
-    Squared errors, on purpose: a robust loss hides a view whose corners are wrong in a plausible solution.
+    Errors are squared on purpose: a robust loss hides a view whose corners are wrong in a plausible solution.
 
     Parameters
     ----------
     points : (corner, 3) float
-        The target.
+        Corners of the target in mm.
     views
-        Corners of each view.
+        Corners that each view shows.
     start
         Cameras to start from.
     free_points
@@ -190,9 +197,9 @@ def adjust(points: Array, views: list[Corners], start: Cameras, free_points: boo
     Returns
     -------
     cameras
-        The same views.
+        Adjusted cameras of the same views.
     points : (corner, 3) float
-        The target; NaN for what no view shows.
+        Corners of the target in mm; NaN for those that no view shows.
     """
     model = pycolmap.Reconstruction()
     model.add_camera_with_trivial_rig(start._camera())
@@ -294,7 +301,7 @@ def _check_turn(cameras: Cameras) -> None:
 
 
 def describe(result: JudgedCameras) -> dict[str, Any]:
-    """What `cameras.json` holds: lengths in mm, angles in radians."""
+    """Contents of `cameras.json`, with lengths in mm and angles in radians."""
     cameras = result.cameras
     theta, phi = angles(cameras.centres)
     names = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")

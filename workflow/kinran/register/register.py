@@ -23,7 +23,7 @@ class Inputs:
 @dataclass(frozen=True)
 class Options:
     field_mm: Annotated[str, "--field-mm W,H", "part of the opening (default: 90 % of its sides)"] = ""
-    encoding: Annotated[str, "of the pictures: srgb, linear or gamma:X"] = "srgb"
+    encoding: Annotated[str, "encoding of the pictures: srgb, linear or gamma:X"] = "srgb"
 
 
 def main(
@@ -31,7 +31,7 @@ def main(
     out: Annotated[Path, "OUT", "folder for cameras.json, height.exr, rectified/ and register.json"],
     options: Options = Options(),
 ) -> None:
-    """Register, and say what is left."""
+    """Register the views, and print the shift that is left; `kinran.register.views.register` names the errors."""
     from kinran.register.views import register
 
     register(out, list(inputs.views), inputs.board, options.field_mm, options.encoding)
@@ -43,7 +43,7 @@ def find_views(folder: Path) -> list[Path]:
     Raises
     ------
     InputError
-        There is no such folder, no or more than one front view, or a name that would not do as one of a rule's files.
+        The folder is missing, it has not just one front view, or a name has letters that a rule cannot take.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; give the folder of the session's views")

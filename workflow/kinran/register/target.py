@@ -1,4 +1,4 @@
-"""The target around the fabric: a plate of known corners, and where a photograph shows them.
+"""The target around the fabric: a plate of known corners, and their detection in a photograph.
 
 Board coordinates are the fabric's: millimetres from the middle of the plate, X to the right, Y up, Z towards the
 camera. Pixels are counted from the corner of the picture, so that the middle of its first pixel is (0.5, 0.5):
@@ -34,7 +34,7 @@ pose is a guess at its other end. No measurement stands behind the share."""
 
 @dataclass(frozen=True)
 class Board:
-    """A target.
+    """A target: corners of known position around the opening for the fabric.
 
     Attributes
     ----------
@@ -66,9 +66,9 @@ class Corners:
     name
         Name of the view.
     ids : (n,) int
-        Which corner of the board.
+        Index of each corner on the board.
     pixels : (n, 2) float
-        x from the left, y from the top; the middle of the first pixel is (0.5, 0.5).
+        Positions, x from the left, y from the top; the middle of the first pixel is (0.5, 0.5).
     """
 
     name: str
@@ -138,7 +138,7 @@ def make_board(spec: dict[str, Any]) -> Board:
 def detect(board: Board, grey: Grey, name: str) -> Corners:
     """Find the board's corners in a picture.
 
-    They are taken as the detector refines them. It fits its window to the markers; a second refinement with a
+    Corners are taken as the detector refines them. It fits its window to the markers; a second refinement with a
     window of fixed size reaches over the margin of a foreshortened marker and moves corners by pixels.
 
     Parameters
@@ -146,7 +146,7 @@ def detect(board: Board, grey: Grey, name: str) -> Corners:
     board
         The target.
     grey : (y, x) uint8
-        Top row first.
+        Picture, top row first.
     name
         Name of the view, for errors.
 

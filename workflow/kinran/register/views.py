@@ -19,8 +19,8 @@ from kinran.register.target import Board, detect, read_board
 log = logging.getLogger(__name__)
 
 LIMIT = 0.05
-"""Median shift in mm to the front view, up to which a view counts as registered: a twentieth of a gold strip of 1
-mm."""
+"""Median shift to the front view, in mm, up to which a view counts as registered. A choice: a twentieth of a gold strip
+of 1 mm."""
 HELD = 0.5
 """Share of the patches that must have a texture in common with the front view's: with less, the median is that of a
 part of the field. No measurement stands behind the share."""
@@ -149,7 +149,7 @@ def grey(light: Image) -> Image:
 def judge(
     calibration: JudgedCameras, greys: list[Image], grid: Grid, surface: Surface, names: list[str]
 ) -> dict[str, Any]:
-    """What `register.json` holds: the shift of each view to the front view, through the height and on the plane."""
+    """Contents of `register.json`: the shift of each view to the front view, through the height and on the plane."""
     cameras = calibration.cameras
     floor = FLOOR * cameras.pixel_mm(0)
     direction = cameras.centres / np.linalg.norm(cameras.centres, axis=1, keepdims=True)
@@ -207,7 +207,7 @@ def _shift(
 
 
 def show(report: dict[str, Any]) -> None:
-    """Print the shift of each view, and warnings."""
+    """Print the shift of each view, and log the warnings."""
     print(f"shift to the front view in mm (the measure's floor is {report['floor_mm']:.3f}):")
     for row in report["views"][1:]:
         numbers = [row[f"{kind}{number}_mm"] for kind in ("", "plane_") for number in ("median", "p95")]

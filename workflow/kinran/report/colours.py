@@ -1,4 +1,4 @@
-"""What the report says of colour: the chart's patches as seen and as they should be, and how far they are apart."""
+"""The section of the report on colour: the chart's patches beside their references, and the ΔE00 between them."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,7 +13,7 @@ from kinran_bsdf.colours import TO_REC709
 
 
 def chart_section(calibration: Calibration) -> dict[str, Any] | None:
-    """Values of the section on the colour chart; None where there is none."""
+    """Values of the section on the colour chart; None without a chart."""
     patches = calibration.chart
     if not patches:
         return None
@@ -40,7 +40,7 @@ def chart_section(calibration: Calibration) -> dict[str, Any] | None:
 
 
 def _note(calibration: Calibration) -> str:
-    """Which map from the camera's RGB to colours is used for what."""
+    """Sentences on which map from camera RGB to colours is used where."""
     matrix = "The material and all that follows from it have the 3×3 matrix, which is exact for sums of light."
     if calibration.root_polynomial is None:
         return f"{matrix} A root polynomial would not be better."

@@ -1,4 +1,4 @@
-"""What the report of a fabric says, gathered from the files of its stages."""
+"""Values of a fabric's report, gathered from the files of the stages."""
 
 import math
 from pathlib import Path
@@ -22,6 +22,7 @@ from kinran.report.relit import relit_section
 from kinran_bsdf.material import Material, read_material
 
 MAP_WIDTH = 240
+"""Pixels across each map."""
 
 Values = dict[str, Any]
 
@@ -63,12 +64,12 @@ def gather(results: Path, captures: Path, choice: Path | None = None) -> Values:
 
 
 def choice_section(path: Path | None) -> Values | None:
-    """Values of `choice.html`: what `kinran choice` wrote, its picture beside it; None where the config says."""
+    """Values of `choice.html`, from the files of `kinran choice`; None where the config sets the lobes."""
     return {"found": read_json(path), "picture": embed_file(path.with_suffix(".png"))} if path else None
 
 
 def certainty_section(fit: Path) -> Values | None:
-    """Values of `certainty.html`: what `kinran sigma` wrote; None where no slope lobes were fitted."""
+    """Values of `certainty.html`, from the files of `kinran sigma`; None where no slope lobes were fitted."""
     path = fit / "slope.sigma.json"
     return {"regions": read_json(path), "picture": embed_file(path.with_suffix(".png"))} if path.is_file() else None
 
@@ -116,10 +117,10 @@ def _capture(plan: Plan, captures: Path, calibration: Calibration) -> list[tuple
 
 
 def _geometry(plan: Plan) -> str:
-    """What is known of where lamps and camera stand."""
+    """Sentence on where lamps and camera stand."""
     distances = [math.hypot(*light.position_mm) for light in plan.lights if light.position_mm]
     if not distances:
-        return "directions alone: as if they stood far away"
+        return "only directions are known: taken to be far away"
     near, far = min(distances), max(distances)
     lamps = f"{near:.0f} mm" if far - near < 1 else f"{near:.0f} to {far:.0f} mm"
     camera = f"{plan.camera_mm:.0f} mm" if plan.camera_mm else "far away"
@@ -146,7 +147,7 @@ def _regions(fabric: Fabric, material: Material, calibration: Calibration) -> Va
 
 
 def _need(need: Values) -> list[tuple[str, str]]:
-    """What the scene asks of the fabric, in words."""
+    """Rows on the needs of the scene, in words."""
     narrow, factor = need["footprint"]["narrow"], need["footprint"]["coarsest_factor"]
     coarsest = "no coarser texel would do" if factor == 1 else f"texels {factor} times as large would do"
     shares = ", ".join(f"{region['name']} {100 * region['share']:.1f} %" for region in need["regions"])

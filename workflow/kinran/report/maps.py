@@ -42,7 +42,7 @@ def rec709(acescg: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _colour(material: Material, part: str) -> pictures.Picture:
-    """Radiance of the part where a white diffuser has 1, at its own exposure."""
+    """Picture of one term's colour, relative to a white diffuser, at an exposure of its own."""
     colour = np.stack([material.channels[f"{part}.{c}"] for c in "RGB"], -1)
     light = rec709(np.pi * material.channels[f"{part}.amplitude"][..., None] * colour)
     return pictures.photograph(light, pictures.auto_exposure(light))
@@ -51,6 +51,6 @@ def _colour(material: Material, part: str) -> pictures.Picture:
 def _widths(
     xx: NDArray[np.float32], xy: NDArray[np.float32], yy: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Long and short half axis of the ellipse of a 2 × 2 covariance."""
+    """Long and short half axes (y, x) of the ellipses of 2 × 2 covariances."""
     middle, spread = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
     return np.sqrt(middle + spread), np.sqrt(np.maximum(middle - spread, 0))

@@ -11,13 +11,13 @@ from kinran.base.page import embed_file, write_page
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the stage reads."""
+    """Files that the stage reads."""
 
     errors: Annotated[tuple[Path, ...], "evaluation.json of each fabric; its report and its render stand beside it"]
 
 
 def main(inputs: Inputs, out: Annotated[Path, "OUT", "page (.html)"]) -> None:
-    """Gather and write."""
+    """Gather the errors of the fabrics and write the page."""
     fabrics = [_fabric(path, out.parent) for path in inputs.errors]
     write_page(out, Path(__file__).with_name("overview.html"), {"title": "Fabrics", "fabrics": fabrics})
 

@@ -1,6 +1,6 @@
 """The section of the report in which a reader moves the light: the fitted material, relit on a grid of lights.
 
-The pictures are what `kinran_bsdf.relight.relight` says, tiles of one sheet; the page blends the four nearest.
+The pictures come from `kinran_bsdf.relight.relight` and are tiles of one sheet; the page blends the four nearest.
 """
 
 import io
@@ -20,8 +20,9 @@ from kinran_bsdf.relight import relight
 SIDE = 17
 """Lights along each axis of (l_x, l_y)."""
 MOST = 112
-"""Texels along the longer side of what is shown."""
+"""Most texels along each side of a picture."""
 QUALITY = 85
+"""Quality of the sheet's WebP, of 100."""
 
 
 def relit_section(material: Material) -> dict[str, Any]:
@@ -53,7 +54,7 @@ def middle(material: Material) -> Material:
 def grid(theta_max: float) -> NDArray[np.float64]:
     """Directions (SIDE², 3) evenly spaced in (l_x, l_y), row by row from the top left of the picture.
 
-    What would be lower than the lowest light that was measured is moved up to it.
+    Directions below the lowest measured light are moved up to its height.
     """
     rim = math.sin(theta_max)
     along = np.linspace(-rim, rim, SIDE)

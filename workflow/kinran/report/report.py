@@ -7,15 +7,15 @@ from typing import Annotated
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the stage reads."""
+    """Files that the stage reads."""
 
     fabric: Annotated[Path, "folder of the fabric's results"]
     captures: Annotated[Path, "folder of the fabric's capture"]
-    choice: Annotated[Path | None, "what `kinran choice` chose (.json), if it was asked"] = None
+    choice: Annotated[Path | None, "lobes that `kinran choice` chose (.json), if they were not given"] = None
 
 
 def main(inputs: Inputs, out: Annotated[Path, "OUT", "page (.html)"]) -> None:
-    """Gather and write."""
+    """Gather the values of the report and write the page."""
     from kinran.base.page import write_page
     from kinran.report.contents import gather
 

@@ -55,13 +55,13 @@ class FabricRow:
     Attributes
     ----------
     name
-        Name, which becomes its folders.
+        Name of the fabric and of its folders.
     folder
         Folder of its photographs; None where it lies on the rig.
     encoding, crop
         Encoding and crop of the photographs.
     regions
-        Number of regions; None to let the data say.
+        Number of regions; None for as many as the data tell apart.
     seeds
         Texels of each region, as the sheet has them.
     distances
@@ -73,7 +73,7 @@ class FabricRow:
     light_groups
         Groups of its capture that hold lights.
     all_groups
-        Those, and the calibration group of the rig.
+        Groups of lights, and the calibration group of the rig.
     """
 
     name: str
@@ -102,12 +102,10 @@ class FabricRow:
 
 
 def lobes_of(config: dict[str, Any], fabric: FabricRow) -> tuple[int, str] | None:
-    """Number and tail of a fabric's slope lobes: what the config says, but one GGX lobe under few lights.
+    """Number and tail of a fabric's slope lobes: those of the config, but one GGX lobe under few lights.
 
-    None where they are to be chosen for each fabric.
-
-    Two lobes explode where directions are few: on a path-traced brocade under 29 lights their held-out error was
-    1.17, that of one lobe less than that of the four steps, 0.99.
+    None where `kinran choice` chooses them for each fabric. With few directions two lobes explode: on a path-traced
+    brocade under 29 lights their held-out error was 1.17, that of one lobe less than that of the four steps, 0.99.
     """
     if config["fit"]["lobes"] == "choose":
         return None
@@ -122,7 +120,7 @@ def check(value: dict[str, Any], schema: str, where: str) -> None:
     Raises
     ------
     InputError
-        What does not fit, and where.
+        The value does not fit the schema.
     """
     rules = yaml.safe_load((SCHEMAS / f"{schema}.schema.yaml").read_text(encoding="utf-8"))
     _fill(value, rules)

@@ -10,7 +10,7 @@ from kinran.base.project import ROOT
 
 
 def main(cores: Annotated[int, "processor cores to use (default: all)"] = os.cpu_count() or 1) -> None:
-    """Run Snakemake and say where to look."""
+    """Run Snakemake, and print where the report and the picture are."""
     command = [sys.executable, "-m", "snakemake", "--cores", str(cores), "--quiet", "rules"]
     if subprocess.run(command, cwd=ROOT, check=False).returncode:
         raise InputError("the run did not finish; the messages above and the folder logs say why")

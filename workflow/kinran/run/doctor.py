@@ -1,4 +1,4 @@
-"""Check this machine: libraries, Python packages, cores, memory, disk; say what to do about each failing line."""
+"""Check this machine: libraries, Python packages, cores, memory and disk; name a remedy for each check that fails."""
 
 import importlib
 import importlib.metadata
@@ -15,8 +15,8 @@ from kinran.base.probes import LIBRARIES, PYMESHLAB_PLUGINS, pymeshlab_fault, va
 from kinran.base.project import ROOT
 
 LEAST_MEMORY_GB, LEAST_DISK_GB = 4, 3
-"""What the demo should have. Its files take 0.15 GB and the packages of .venv 2 GB; no measurement stands behind the
-memory."""
+"""Least memory and disk space for the demo. Its files take 0.15 GB and the packages of .venv 2 GB; no measurement
+stands behind the memory."""
 PACKAGES = (
     "mitsuba", "drjit", "snakemake", "OpenEXR", "colour-science", "hidapi", "libigl", "numba", "zarr",
     "rawpy", "kinran-bsdf",
@@ -33,7 +33,7 @@ class Finding:
 
 
 def main() -> None:
-    """Print a line a check.
+    """Print one line for each check.
 
     Raises
     ------

@@ -55,7 +55,7 @@ def main(
 
 
 def prepare(inputs: Inputs, out: Path, options: Options) -> Path:
-    """Check a set, and write its config and sheet into OUT; returns the working directory of the run.
+    """Check a set, write its config and sheets into OUT, and return the working directory of the run.
 
     The results of the fabric are OUT itself: `results/<fabric>` in the working directory leads there.
     """

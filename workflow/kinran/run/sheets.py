@@ -1,4 +1,4 @@
-"""Tab-separated sheets: a header, then a row a thing."""
+"""Tab-separated sheets: a header, then one row for each item."""
 
 import csv
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A sheet of triangles and its chart: outline, normals, flattening, and which way the weft runs in it.
+"""A sheet of triangles and its chart: outline, normals, flattening, and the direction of the weft.
 
 Vertices are (n, 3) float, faces (m, 3) int, counter-clockwise seen from the front.
 """
@@ -19,8 +19,8 @@ SLIM_STEPS = 25
 """Steps of the solver. The tests hold lengths in the chart to 0.3 mm of arc length on cloth without a bump; more steps
 were not compared."""
 MIDDLE = 0.45
-"""Half of the share of a side that says its direction: the outer 5 % at each end, where corners are cut or frayed, are
-left out. No measurement stands behind the share."""
+"""Half of the share of a side from which its direction is found: the outer 5 % at each end, where corners are cut or
+frayed, are left out. No measurement stands behind the share."""
 
 
 def half_edges(faces: Faces) -> Faces:
@@ -65,7 +65,7 @@ def boundary_loops(faces: Faces) -> list[NDArray[np.int64]]:
 def unwrap(vertices: Array, faces: Faces) -> Array:
     """Flatten a sheet to one chart that keeps lengths and never folds over.
 
-    Starts from an embedding in a disc, in which no face can flip [Tutte1963], and lowers the symmetric
+    The search starts from an embedding in a disc, in which no face can flip [Tutte1963], and lowers the symmetric
     Dirichlet energy from there without ever crossing a flip (SLIM) [Rabinovich2017]. A conformal map followed
     by ARAP stretches cloth as little, but leaves single faces folded over on rougher scans, and SLIM cannot
     mend a conformal start that has such faces.
@@ -146,8 +146,8 @@ def stretch(vertices: Array, faces: Faces, uv: Array) -> tuple[float, float, int
 def side_angles(outline: Array) -> tuple[Array, Array]:
     """Directions of the four sides of a panel that is about a rectangle.
 
-    The minimum-area rectangle says which outline points belong to which side; the median slope of each side's
-    points [Sen1968] says its direction, whatever a ragged or cut corner does to the rectangle.
+    The minimum-area rectangle assigns each outline point to a side; the median slope of a side's points [Sen1968] is
+    its direction, whatever a ragged or cut corner does to the rectangle.
 
     Parameters
     ----------
@@ -210,9 +210,9 @@ def turn_to_weft(uv: Array, outline: Faces) -> tuple[Array, Array]:
     Returns
     -------
     uv : (n, 2) float
-        Which of the two half turns is left open.
+        The turned chart, right up to a half turn.
     residuals : (4,) float
-        Radians between each side and the weft or warp direction that all four agree on: how sure the weft is.
+        Radians between each side and the weft or warp direction that all four agree on: the uncertainty of the weft.
     """
     angles, lengths = side_angles(uv[outline])
     from_weft = angles - np.array([0, 0, np.pi / 2, np.pi / 2])

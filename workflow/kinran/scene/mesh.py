@@ -42,10 +42,10 @@ FACES = 24_000
 """About as many triangles as the clean mesh has: on a panel of 60 × 90 mm their edges are 0.7 mm long, for folds of
 centimetres. No measurement stands behind the number."""
 SQUARE = 0.95
-"""Ratio of the sides above which they do not say which is the weft; what is up in the scan does then. No measurement
-stands behind the ratio."""
+"""Ratio of the shorter side to the longer above which the sides do not tell the weft; the scan's upward direction does
+then. No measurement stands behind the ratio."""
 UNSURE = np.radians(5)
-"""Disagreement of the sides on the weft that is worth a warning. No measurement stands behind it."""
+"""Disagreement of the sides on the weft, in radians, that is worth a warning. No measurement stands behind it."""
 SMALLEST, LARGEST = 5.0, 10_000.0
 """Believable size of a panel in mm: a scan in metres or inches falls outside."""
 
@@ -58,7 +58,7 @@ class Inputs:
 @dataclass(frozen=True)
 class Outputs:
     mesh: Annotated[Path, "OUT", "clean, unwrapped mesh (.ply)"]
-    report: Annotated[Path | None, "what was found and done (.json)"] = None
+    report: Annotated[Path | None, "counts, size and stretch of the mesh (.json)"] = None
 
 
 def main(inputs: Inputs, out: Outputs) -> None:
@@ -150,7 +150,7 @@ def clean(path: Path) -> tuple[Array, Faces, dict[str, Any]]:
     faces : (m, 3) int
         Counter-clockwise seen from the side that most of the scan's faces show.
     report : dict
-        Components in the scan, holes closed.
+        Numbers of components in the scan and of holes that were closed.
 
     Raises
     ------
@@ -177,7 +177,7 @@ def clean(path: Path) -> tuple[Array, Faces, dict[str, Any]]:
     before = boundary_loops(scan.current_mesh().face_matrix())
     if not before:
         raise InputError(f"{path}: is a closed surface; a panel has an edge, cut the scan at the seams")
-    # a hole is what is less than half as long as the outline: the second end of a tube is none
+    # a hole is less than half as long as the outline: the second end of a tube is none
     scan.meshing_close_holes(maxholesize=max(len(before[0]) // 2, 4), selfintersection=False)
     edge = _edge_length(scan.current_mesh().vertex_matrix(), scan.current_mesh().face_matrix())
     scan.apply_coord_taubin_smoothing(lambda_=0.5, mu=-0.53, stepsmoothnum=20)
@@ -232,7 +232,7 @@ def prepare(scan: Path, out: Path, report: Path | None = None) -> dict[str, Any]
     Parameters
     ----------
     scan
-        Raw scan in mm; its +y is up as far as anyone knows.
+        Raw scan in mm, whose +y is taken for up.
     out
         PLY to write: the panel hung up (warp along +y, front to +z, middle at the origin), vertex normals
         and s, t in mm from the lower left corner: +s the weft, +t the warp; right-handed seen from the front.
@@ -242,7 +242,7 @@ def prepare(scan: Path, out: Path, report: Path | None = None) -> dict[str, Any]
     Returns
     -------
     dict
-        What `report` holds.
+        Values of `report`.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Say what a scene needs of a fabric, before any fit: model no more than is seen.
+"""Find what a scene needs of a fabric, before any fit, so that no more is modelled than is seen.
 
 The template is loaded with the mesh and the label map in place of a material, and rays are shot from the camera
-to the cloth and from there to the lights: what is seen directly, no path tracing. The answer is a JSON:
+to the cloth and from there to the lights, without path tracing. The answer is a JSON:
 
 template        name of the scene
 camera          width, height: pixels of the picture
@@ -12,10 +12,10 @@ shown_from      least share of the cloth's pixels from which a region counts as 
 regions         a row each: label, name, share of the cloth's pixels, needed: whether it is shown
 footprint       of a pixel on the cloth
     unit            "texels a pixel", of the lengths narrow and wide
-    narrow, wide    p5, median, p95 of the short and the long axis of what a pixel's square becomes in texels
+    narrow, wide    p5, median, p95 of the short and the long axis of the footprint in texels
     texel_mm        side of a texel as it lies on the cloth, mm
-    coarsest_factor whole number of texels, along a side, that can be averaged to one and nobody sees it here:
-                    a third of narrow's p5, at least 1
+    coarsest_factor whole number of texels, along a side, that can be averaged to one unseen: a third of narrow's p5,
+                    at least 1
     coarsest_mm     side of such a texel on the cloth, mm
 view            unit "rad"; median, p95, max of θ_v, the angle of the view from the shading normal
 half_vector     unit "rad"
@@ -56,11 +56,11 @@ RAYS = 1 << 15
 """Rays from the camera: where the cloth fills the picture, a region that fills a thousandth of it
 (`needed_regions.SHOWN`) is met by about thirty."""
 COARSE = 1 / 3
-"""Side of a coarse texel, in pixels, that nobody sees: of the finest grating that pixels can carry, to average
-over it and to hold the average leave sinc²(1/6) = 0.91 of the contrast."""
+"""Side of a coarse texel, in pixels, that nobody sees: the finest grating that pixels can carry keeps sinc²(1/6) = 0.91
+of its contrast when it is averaged over such texels and their averages are held."""
 SHARP = 5
-"""Percentage of the pixels that may be sharper than the one that decides: a few at the rim of the cloth or where it
-bulges to the camera do not make all maps finer. No measurement stands behind the percentage."""
+"""Percentage of the pixels that may be sharper than the one that decides: a few pixels at the rim of the cloth or where
+it bulges to the camera do not make all maps finer. No measurement stands behind the percentage."""
 ENVIRONMENT = "environment"
 HIGH = {"median": 50, "p95": 95, "max": 100}
 AROUND = {"p5": 5, "median": 50, "p95": 95}
@@ -73,8 +73,8 @@ class Inputs:
     fabric: Annotated[Path, "folder of radiance stack, label map and regions"]
 
 
-def main(inputs: Inputs, out: Annotated[Path, "OUT", "what the scene needs (.json)"]) -> None:
-    """Write what the scene needs, and say it in a line."""
+def main(inputs: Inputs, out: Annotated[Path, "OUT", "needs of the scene (.json)"]) -> None:
+    """Write the needs of the scene, and log them in one line."""
     result = need(inputs.template, inputs.mesh, Fabric(inputs.fabric))
     write_json(out, result)
     unseen = [row["name"] for row in result["regions"] if not row["needed"]]
@@ -97,16 +97,16 @@ class SceneLight:
 
 @dataclass(frozen=True)
 class Sight:
-    """What the rays met that met the cloth.
+    """Hits of the camera's rays on the cloth.
 
     Attributes
     ----------
     labels : (ray,) int
-        Region.
+        Label of the region.
     cos_v : (ray,) float
         Cosine of the angle between view and shading normal; negative where the cloth shows its back.
     footprint : (ray, 2, 2) float
-        Texels, along columns and rows of the map, a pixel to the right and down.
+        Steps in texels, along columns and rows of the map, for one pixel to the right and one pixel down.
     theta_h : (ray, light) float
         Angle between half vector and shading normal in radians; NaN where the light does not reach the front.
     """
@@ -118,12 +118,9 @@ class Sight:
 
 
 def spread(count: int, dimensions: int) -> Array:
-    """Points that cover the unit cube evenly, and have no period that could match a weave's.
+    """Points (count, dimensions) that cover the unit cube evenly, without a period that could match that of a weave.
 
-    Returns
-    -------
-    (count, dimensions) float
-        The additive recurrence of x, where x^(dimensions + 1) = x + 1: the golden ratio in one dimension.
+    They are the additive recurrence of the x with x^(dimensions + 1) = x + 1, the golden ratio in one dimension.
     """
     ratio = 2.0
     for _ in range(64):
@@ -150,7 +147,7 @@ def stand_in(template: Path, labels: Path) -> tuple[str, set[str]]:
     Raises
     ------
     InputError
-        The template is missing, no XML, or has no cloth.
+        The template is missing, is no XML, or has no cloth.
     """
     try:
         root = ET.parse(template).getroot()
@@ -195,7 +192,7 @@ def load(template: Path, mesh: Path, labels: LabelMap, lie: dict[str, str]) -> t
     labels : (y, x) int
         Row 0 is v = 0.
     lie
-        Defaults that say how the maps lie on the cloth.
+        Defaults of the template that place the maps on the cloth.
 
     Returns
     -------
@@ -299,7 +296,7 @@ def _theta_h(scene: Any, si: Any, emitter: Any, sample: list[float]) -> float:
 
 
 def axes(footprint: Array) -> tuple[Array, Array]:
-    """Short and long axis (n,) of what the squares of pixels become under linear maps (n, 2, 2)."""
+    """Short and long axes (n,) of the footprints that linear maps (n, 2, 2) make of a pixel."""
     finite = footprint[np.isfinite(footprint).all((1, 2))]
     sizes = np.asarray(np.linalg.svd(finite, compute_uv=False), np.float64)
     return sizes[:, 1], sizes[:, 0]
@@ -313,12 +310,12 @@ def answer(
     texel_mm: float,
     measured: float,
 ) -> dict[str, Any]:
-    """What the pixels that show the cloth need: the part of the JSON above from `front_share` on.
+    """Needs of the pixels that show the cloth: the part of the JSON above from `front_share` on.
 
     Parameters
     ----------
     sight
-        What was seen; at least one ray met the cloth.
+        Hits of the rays on the cloth; there is at least one.
     lights, placed
         All lights, and those that `sight` has half vectors for.
     regions
@@ -388,7 +385,7 @@ def _mean(values: NDArray[np.bool_]) -> float:
 
 
 def need(template: Path, mesh: Path, fabric: Fabric, rays: int = RAYS) -> dict[str, Any]:
-    """What a scene needs of a fabric, as the JSON above.
+    """Find what a scene needs of a fabric, and return the JSON above.
 
     Raises
     ------

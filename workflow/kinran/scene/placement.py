@@ -1,4 +1,4 @@
-"""How a material lies on a cloth: the extent of its mesh and the defaults of a scene that place the maps."""
+"""Placement of a material on a cloth: the extent of the mesh, and the defaults of a scene that place the maps."""
 
 from pathlib import Path
 
@@ -32,22 +32,22 @@ def uv_size(mesh: Path) -> tuple[float, float]:
 
 
 def placement(shape: tuple[int, int], texel_mm: float | None, cloth: tuple[float, float]) -> dict[str, str]:
-    """How a material lies on the cloth: the template's `repeat_*`, `shift_*` and `wrap`.
+    """Place a material on the cloth: values of the template's `repeat_*`, `shift_*` and `wrap`.
 
     Parameters
     ----------
     shape
         Rows and columns of the maps.
     texel_mm
-        Size of a texel; None if unknown.
+        Side of a texel in mm; None if unknown.
     cloth
         Extent of the cloth in mm along weft and warp.
 
     Returns
     -------
     dict
-        A swatch of known size repeats. One of unknown size covers the width of the cloth once, its top at the
-        top, and starts again below, so that the whole picture is seen.
+        Values by name. A swatch of known size repeats. One of unknown size covers the width of the cloth once, with its
+        top at the top, and starts again below, so that the whole picture is seen.
     """
     rows, columns = shape
     if texel_mm is not None:

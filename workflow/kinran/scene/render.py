@@ -1,6 +1,6 @@
 """Render a Mitsuba scene with Kinran materials to a linear EXR and a PNG to look at.
 
-Needs no Python from its user: `kinran render scene.xml` registers the BSDF, as Mitsuba's own command cannot.
+A user needs no Python: `kinran render scene.xml` registers the BSDF, which Mitsuba's own command cannot do.
 """
 
 import logging
@@ -49,7 +49,7 @@ def main(
     out: Annotated[Path | None, "EXR to write; beside the scene under its name if not given"] = None,
     options: Options = Options(),
 ) -> None:
-    """Render a picture, or a contact sheet."""
+    """Render a picture, or a contact sheet; `picture` and `sweep` name the errors."""
     scene, variant = inputs.scene, options.variant
     if options.sweep is not None:
         out = out or scene.with_name(f"{scene.stem}_sweep.png")
@@ -138,13 +138,13 @@ def render(scene: Any, spp: int, what: str = "") -> Picture:
 
 
 def develop(picture: Picture, exposure: float = 1.0) -> NDArray[np.uint8]:
-    """An 8-bit sRGB picture of linear radiance.
+    """Convert linear radiance to an 8-bit sRGB picture.
 
     Parameters
     ----------
     picture : (y, x, 3) float
     exposure
-        Factor; 1 shows a radiance of 0.7 and less as it is.
+        Factor of the radiance; at 1 a radiance of 0.7 and less is shown as it is.
 
     Returns
     -------

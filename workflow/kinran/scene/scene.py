@@ -49,14 +49,14 @@ def unfitted_labels(material: Material) -> list[int]:
 
 
 def texture_and_mask(material: Material, labels: list[int]) -> tuple[Map, Map]:
-    """What the unfitted regions look like, and where they are not.
+    """Texture of the unfitted regions, and mask of the fitted ones.
 
     Parameters
     ----------
     material
-        Its maps have row 0 at v = 0.
+        Material of the fabric; row 0 of its maps is v = 0.
     labels
-        The unfitted regions.
+        Labels of the unfitted regions.
 
     Returns
     -------

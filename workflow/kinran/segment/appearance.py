@@ -12,7 +12,7 @@ Map = NDArray[np.float32]
 Features = NDArray[np.float64]
 
 LEAST_LIGHTS = 3
-"""Fewest lights that a median is taken of: it then passes over one odd sample."""
+"""Fewest lights that a median is taken of: with three it passes over one odd sample."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Appearance:
     def features(self) -> Features:
         """Log chroma (R/G, B/G), log luminance and shininess, each of unit spread; (texel, 4).
 
-        One photograph tells threads apart by their shading; these hold whatever way a thread faces.
+        In one photograph threads differ by their shading; these features hold whatever way a thread faces.
         """
         floor = 1e-3 * max(float(np.percentile(self.median, 99)), 1e-6) + 1e-6
         m = np.log(np.maximum(self.median.astype(float), 0) + floor)

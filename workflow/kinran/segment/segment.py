@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 Labels = NDArray[np.intp]
 
 LEAST_TEXELS = 32
-"""Fewest texels of a region: eight for each of the four features whose covariance they tell."""
+"""Fewest texels of a region: eight for each of the four features whose covariance they tell. A choice."""
 LEAST_SHARE = 0.005
 """Least share of the texels of a region: the virtual brocade's smallest has 5 %. No measurement stands behind the
 share."""
@@ -46,7 +46,13 @@ def main(
     fabric: Annotated[Path, "folder of the radiance stack, for label map, regions and statistics as well"],
     options: Options = Options(),
 ) -> None:
-    """Write the label map, the regions and the statistics that they were found by."""
+    """Write the label map, the regions and the statistics that they were found by.
+
+    Raises
+    ------
+    InputError
+        A seed is wrong, or the texels are too few or too alike for the regions.
+    """
     seeds, known = parse_seeds(options.seeds), Fabric(fabric)
     look = over_lights(known.stack)
     found = segment(look, options.count, seeds, str(known.labels_path))
@@ -116,7 +122,7 @@ def parse_seeds(text: str) -> list[Seed]:
 
 
 def segment(look: Appearance, count: int | None, seeds: list[Seed], name: str) -> Segmentation:
-    """Find the regions.
+    """Segment the texels of a fabric into regions (Takeda2008, §3.1).
 
     Parameters
     ----------
@@ -127,7 +133,7 @@ def segment(look: Appearance, count: int | None, seeds: list[Seed], name: str) -
     seeds
         Texels of regions; a 3 × 3 patch around each is taken.
     name
-        What to call the data in an error.
+        Name of the data, for errors.
 
     Raises
     ------
@@ -198,7 +204,7 @@ def _find(features: Array, shape: tuple[int, int], count: int, fixed: Labels, na
 
 
 def describe(labels: Labels, look: Appearance, to_acescg: Array, names: tuple[str, ...] = ()) -> list[Region]:
-    """Size, colour and shininess of each region, with its name: the given one, or one after its colour."""
+    """Regions with size, colour and shininess; the name of each is the given one, or one after its colour."""
     regions: list[Region] = []
     taken: dict[str, int] = {}
     for k in range(int(labels.max()) + 1):

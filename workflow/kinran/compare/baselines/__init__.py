@@ -1,1 +1,1 @@
-"""What others do with a fabric under many lights: fitted for the chart, but never rendered."""
+"""Baselines: other models of a fabric under many lights, fitted for the chart but never rendered."""

@@ -14,8 +14,8 @@ Single = NDArray[np.float32]
 Basis = Callable[[Array], Array]
 
 RIDGE = 1e-6
-"""Share of the mean of the normal matrix's diagonal that is added to it for harmonics, of which few lights leave some
-undetermined. A choice: with less, 16 of them under 16 lights explode."""
+"""Ridge of harmonics, over the mean of the normal matrix's diagonal: few lights leave some harmonics undetermined. A
+choice: with less, 16 of them under 16 lights explode."""
 
 
 @dataclass(frozen=True)
@@ -47,14 +47,14 @@ class Weights:
 
 
 def fit(samples: Samples, basis: Basis, ridge: float = 0.0) -> Weights:
-    """Least squares of the samples over a basis; all of them count alike.
+    """Fit a basis to the samples by least squares, in which all samples count alike.
 
     Parameters
     ----------
     basis
         `polynomial` or `kinran.fit.harmonics.harmonics(m)`.
     ridge
-        Share of the mean of the normal matrix's diagonal that is added to it.
+        Ridge, over the mean of the normal matrix's diagonal.
     """
     values = np.empty((*samples.T.shape[:2], basis(samples.under.directions).shape[1]), np.float32)
     for k, at in samples.under.cells():

@@ -24,7 +24,7 @@ ROUNDS = 20
 
 @dataclass(frozen=True)
 class Codebook:
-    """Codes (k, 3, light) of unit norm's shape, and for each texel its code (texel,) and brightness (texel,)."""
+    """Code vectors (k, 3, light), each the mean of texels of unit norm; code and brightness (texel,) of each texel."""
 
     codes: Single
     code: NDArray[np.intp]
@@ -49,7 +49,7 @@ class Codebook:
 
 
 def fit(samples: Samples, count: int, matrix: Matrix) -> Codebook:
-    """Codes by k-means, seeded alike every time, on the scores of unit-norm texels."""
+    """Find codes by k-means with a fixed seed, on the scores of texels of unit norm."""
     T, texels = samples.T, len(samples)
     norm = np.linalg.norm(T.reshape(texels, -1), axis=1)
     unit = T / np.maximum(norm, 1e-12)[:, None, None]

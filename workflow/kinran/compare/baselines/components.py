@@ -21,7 +21,7 @@ class Components:
     ----------
     scores : (texel, k) float32
     components : (k, 3, light) float32
-        Orthonormal.
+        Orthonormal principal components.
     mean : (3, light) float32
     lights : (light, 3)
         Directions from the field's centre.
@@ -52,9 +52,9 @@ class Components:
 
 
 def fit(samples: Samples, count: int, matrix: Matrix) -> Components:
-    """The first `count` principal components of the texels' vectors (3 · light).
+    """Find the first `count` principal components of the texels' vectors (3 · light).
 
-    Found from the smaller of the two Gram matrices, so that neither many texels nor many lights are dear.
+    They come from the smaller of the two Gram matrices, so that neither many texels nor many lights cost much.
     """
     texels, channels, n = samples.T.shape
     X = samples.T.reshape(texels, channels * n)

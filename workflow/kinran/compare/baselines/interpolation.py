@@ -1,6 +1,6 @@
-"""Interpolation of the samples themselves over the light direction: Delaunay-linear, and thin plates.
+"""Interpolation of the samples over the light direction: linear in Delaunay triangles, or by thin plates [Duchon1977].
 
-It is between lamps, which stand where they stand: all texels have the weights of the directions from the centre.
+The weights are those of the directions from the field's centre, for all texels.
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ Matrix = Callable[[Array, Array], Array]
 
 @dataclass(frozen=True)
 class Kept:
-    """All samples T (texel, 3, light), their lights (light, 3), and how to go between them."""
+    """All samples T (texel, 3, light), their lights (light, 3), and the interpolation between them."""
 
     T: Single
     lights: Array
@@ -48,7 +48,7 @@ def fit(samples: Samples, matrix: Matrix) -> Kept:
 def linear(lights: Array, others: Array) -> Array:
     """Barycentric weights (n, m) in the Delaunay triangles of the half-vector slopes.
 
-    Outside the hull, and where the lights have no triangle, the two nearest by inverse distance.
+    Outside the hull, and where the lights have no triangle, the two nearest lights are weighted by inverse distance.
     """
     a, b = slopes(lights), slopes(others)
     weights = np.zeros((len(b), len(a)))

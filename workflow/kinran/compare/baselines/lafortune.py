@@ -21,7 +21,7 @@ LOW, HIGH = np.array([-4.0, -4.0, 0.0]), np.array([4.0, 4.0, math.log(2000.0)])
 EXPONENT = 15.0
 """Exponent to start from. A choice, between those of silk and of gold."""
 LEAST_COSINE = 0.05
-"""Of a light that a lobe starts from: it is put no nearer to the horizon."""
+"""Least cosine of the direction that a lobe's search starts from, which keeps it off the horizon. A choice."""
 
 
 def one(samples: Samples) -> SeparableFit:

@@ -9,11 +9,11 @@ Labels = NDArray[np.intp]
 ROUNDS = 40
 """Rounds of expectation maximisation, meant to be more than it needs; no measurement stands behind the number."""
 RIDGE = 1e-4
-"""Added to the variances of features of unit spread, so that a component of few texels has an inverse."""
+"""Ridge of the covariances of features of unit spread, so that one of few texels has an inverse. A choice."""
 
 
 def labels(features: Array, start: Labels, count: int) -> Labels:
-    """Most probable component (texel,) of each texel, of full covariances.
+    """Most probable component (texel,) of each texel in a mixture with full covariances.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Lobes of any formula fitted to many texels at once: the comparisons of the chart, not the pipeline's solver.
 
 T_c = Σ_k C_k,c G_k(light; p_k) + C_d,c cos θ_i with C ≥ 0. The colours are eliminated by non-negative least squares,
-the shapes found by Levenberg-Marquardt with Kaufman's projected Jacobian.
+the shapes found by Levenberg-Marquardt with the projected Jacobian of Kaufman1975.
 """
 
 from collections.abc import Callable
@@ -18,20 +18,21 @@ from kinran.fit.solver.linear import RIDGE, nonnegative
 Single = NDArray[np.float32]
 Array = NDArray[np.float64]
 Formula = Callable[[Array, Array, Array], tuple[Array, Array]]
-"""Shapes (n, K), slopes of half vectors (light, 2) and lights (light, 3) to the values (n, light) of lobes and their
-derivatives (n, K, light)."""
+"""Function from shapes (n, K), slopes of half vectors (light, 2) and lights (light, 3) to the values (n, light) of
+lobes and their derivatives (n, K, light)."""
 
 ITERATIONS = 40
+"""Most iterations of a search. A choice; no command compares other numbers."""
 TOLERANCE = 1e-5
-"""Share of the cost that a step has to gain for a texel's search to go on."""
+"""Share of the cost that a step has to gain for a texel's search to go on. A choice."""
 DAMPING, EASIER, HARDER = 1e-2, 0.2, 6.0
-"""Levenberg-Marquardt's damping at the start, and its factor after a step that gained and one that did not."""
+"""Damping of Levenberg-Marquardt at the start, and its factors after steps that gained or did not. Choices."""
 FUTILE = 1e6
-"""Damping from which on no step gains."""
+"""Damping from which on no step gains. A choice."""
 TINY = 1e-14
-"""Added to the diagonal of normal matrices, with `RIDGE` of it, so that lobes that see no light do no harm."""
+"""Ridge of normal matrices beside `RIDGE` times their diagonal, for lobes that see no light. A choice."""
 BLOCK = 256
-"""Texels that are fitted together: their derivatives are all in memory."""
+"""Texels that are fitted together, with all of their derivatives in memory; results do not depend on it."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class SeparableFit:
         return float(np.prod(self.shapes.shape[1:]) + np.prod(self.colours.shape[1:]))
 
     def predict(self, under: Under) -> Single:
-        """T (texel, 3, light) under some lights, square on, in the unit of the samples."""
+        """T (texel, 3, light) under some lights, without falloff, in the unit of the samples."""
         T = np.empty((len(self.shapes), 3, under.count), np.float32)
         for cell, block in _blocks(under, len(T)):
             G, _ = _columns(self.formula, self.shapes[block], under.slopes[cell], under.lights[cell])
@@ -69,14 +70,14 @@ class SeparableFit:
 def fit(
     formula: Formula, start: Array, samples: Samples, low: Array, high: Array, iterations: int = ITERATIONS
 ) -> SeparableFit:
-    """Fit from a start.
+    """Fit lobes of a formula and a diffuse term to each texel, from a start.
 
     Parameters
     ----------
     start : (texel, lobes, K) float
         Shapes to start from.
     samples
-        Those that are not finite, and those of no weight, are left out.
+        Samples; those that are not finite or have no weight are left out.
     low, high : (K,) float
         Bounds of the shapes.
     iterations
@@ -182,7 +183,7 @@ def _descend(block: _Block, p: Array, low: Array, high: Array, iterations: int) 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _nonnegative(A: Array, b: Array, C: Array, gain: Array) -> None:
-    """For each texel and channel the x ≥ 0 of the least xᵀAx - 2bᵀx into C (texel, 3, m); their sums into `gain`."""
+    """Write the x ≥ 0 of least xᵀAx - 2bᵀx of each texel and channel to C (texel, 3, m); add the least to `gain`."""
     texels, m = A.shape[:2]
     work = np.empty((2 * m + 3, m))
     for t in range(texels):

@@ -18,12 +18,12 @@ LOW, HIGH = np.array([-0.2, -1e3, np.log(0.01), np.log(0.02)]), np.array([1.2, 1
 
 
 def fit(samples: Samples, start: TakedaFit, wrap: bool = True) -> SeparableFit:
-    """Fit Eq. 3 to all samples, of which the four steps take a few.
+    """Fit Eq. 3 to all samples; the four steps use only a few of them.
 
     Parameters
     ----------
     start
-        Fit of the four steps.
+        Fit of the four steps, whose shapes the search starts from.
     wrap
         Whether φ_h − φ_n is wrapped to [−π, π]; the formula as printed does not say so.
     """

@@ -1,4 +1,4 @@
-"""The methods of the chart, a module each kind: to add one is to add a file, and only its job runs."""
+"""The methods of the chart, one module for each kind: a new file adds a kind, and only its job runs."""
 
 import importlib
 import pkgutil

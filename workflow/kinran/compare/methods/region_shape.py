@@ -16,9 +16,9 @@ from kinran.fit.slope_lobes import Lobes
 
 LOBE = Lobes("ggx", 1, bent=False)
 WIDTHS = slice(2, 5)
-"""Shapes of a lobe that the region shares."""
+"""Indices of the shapes that the lobes of a region share."""
 TIGHT = 0.03
-"""Standard deviation of the widths that the fit is held to, before they are set to the region's. A choice."""
+"""Standard deviation of the widths in the fit that holds them, before they are set to their region's. A choice."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class RegionShape:
     """Two slopes, two colours, and a byte that names the region."""
 
     def predict(self, under: Under) -> NDArray[np.float32]:
-        """T (texel, 3, light) under some lights, square on, in the unit of the samples."""
+        """T (texel, 3, light) under some lights, without falloff, in the unit of the samples."""
         return self.lobes.predict(under)
 
 
