@@ -1,11 +1,11 @@
 """Command line of a stage, made from the types of its `main`.
 
 A stage is ``main(inputs, out, options)``: frozen dataclasses of what it reads and how, and paths of what it writes.
-So it can be called from Python, and this module makes the same call from words. Each field or parameter is annotated
-with its help: ``Annotated[Path, "label map (.exr)"]`` is ``--name``, and ``Annotated[Path, "OUT", "material (.exr)"]``
-is the positional argument ``OUT``; ``"--crop X,Y,W,H"`` in that place is an option whose value has a name. A function
-among the annotations makes the value from its word, and says by an `InputError` what is wrong with it. Several values
-may follow one ``--name``, or each its own.
+A program calls it with values, and this module makes the same call from a command line. Each field or parameter is
+annotated with its help: ``Annotated[Path, "label map (.exr)"]`` is ``--name``, and ``Annotated[Path, "OUT", "material
+(.exr)"]`` is the positional argument ``OUT``; ``"--crop X,Y,W,H"`` in that place is an option whose value has a name.
+A function among the annotations parses the value and raises `InputError` for a bad one. An option of several values
+takes them after one ``--name``, or each after its own.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal
 
 Main = Callable[..., None]
 REQUIRED = object()
-"""Default of an argument that has to be given."""
+"""Default that marks an argument as required."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,17 +30,17 @@ class Argument:
     name
         Name of the field or the parameter.
     kind
-        Its type, without annotations.
+        Type of the value, without annotations.
     help
-        What it is.
+        Help text.
     word
         Word of the usage: ``OUT`` for a positional argument, ``--name VALUE`` or None for an option.
     parse
         Function from a word to the value; None for the type itself.
     default
-        `REQUIRED` where it has to be given.
+        Default value; `REQUIRED` where the argument must be given.
     group
-        Parameter of `main` whose field it is: `inputs` and `out` may both have a material.
+        Parameter of `main` that the field belongs to: it keeps a material of `inputs` apart from one of `out`.
     """
 
     name: str
@@ -53,11 +53,11 @@ class Argument:
 
     @property
     def dest(self) -> str:
-        """Its place among the parsed arguments."""
+        """Name of the argument in the parsed namespace."""
         return f"{self.group}.{self.name}"
 
     def add_to(self, parser: argparse.ArgumentParser) -> None:
-        """Declare the argument."""
+        """Add the argument to a parser."""
         kind, several = _element(self.kind)
         required = self.default is REQUIRED
         settings: dict[str, Any] = {"help": self.help.replace("%", "%%")}
@@ -83,7 +83,7 @@ class Argument:
         parser.add_argument(flag, dest=self.dest, required=required, default=None, **settings)
 
     def value(self, args: argparse.Namespace) -> Any:
-        """Its value, or its default where it was not given; of several a tuple."""
+        """Return the parsed value, a tuple where the argument takes several, or the default where none was given."""
         value = getattr(args, self.dest)
         if value is None or value == []:
             return None if self.default is REQUIRED else self.default
@@ -91,14 +91,14 @@ class Argument:
 
 
 def add_arguments(parser: argparse.ArgumentParser, main: Main) -> None:
-    """Declare the arguments of a stage's `main`: positional ones in the order of its parameters."""
+    """Add the arguments of a stage's `main` to a parser, positional ones in the order of its parameters."""
     for _, _, arguments in _parameters(main):
         for argument in arguments:
             argument.add_to(parser)
 
 
 def call(main: Main, args: argparse.Namespace) -> None:
-    """Call a stage's `main` with what stood on the command line."""
+    """Call a stage's `main` with the values that were parsed from its command line."""
     given = {}
     for name, group, arguments in _parameters(main):
         values = {argument.name: argument.value(args) for argument in arguments}
@@ -107,7 +107,7 @@ def call(main: Main, args: argparse.Namespace) -> None:
 
 
 def _parameters(main: Main) -> Iterator[tuple[str, Any, list[Argument]]]:
-    """Name of each parameter of `main`, its dataclass or None, and its arguments."""
+    """Yield the name of each parameter of `main`, its dataclass (None if it has none), and its arguments."""
     hints = typing.get_type_hints(main, include_extras=True)
     for name, parameter in signature(main).parameters.items():
         hint = hints[name]
@@ -135,7 +135,7 @@ def _argument(name: str, hint: Any, default: Any, group: str = "") -> Argument:
 
 
 def _element(kind: Any) -> tuple[Any, bool]:
-    """Type of one value, and whether there are several."""
+    """Return the type of one value, and whether the argument takes several."""
     if typing.get_origin(kind) in (typing.Union, types.UnionType):
         (kind,) = (k for k in typing.get_args(kind) if k is not types.NoneType)
     if typing.get_origin(kind) is tuple and typing.get_args(kind)[-1] is Ellipsis:

@@ -1,4 +1,4 @@
-"""Digest of a module, and of what it takes from this project: modules that it imports, templates that it names.
+"""Digest of a module and of all that it uses of this project: modules that it imports, templates that it names.
 
 A rule holds it as a parameter, so that a job runs again when the code that it calls changes, and not when a
 comment, a docstring, the help of an option, the layout or a file's time stamp does. Imports are resolved on the file
@@ -18,12 +18,13 @@ from pathlib import Path
 from kinran.base.project import ROOT
 
 TEMPLATE = re.compile(r"""["']([\w-]+\.html)["']""")
-"""Name of a template, as a module or another template has it."""
+"""Pattern of a template's name in quotes, as a module or another template refers to it."""
 PACKAGES = {
     "kinran": ROOT / "workflow" / "kinran",
     "kinran_bsdf": ROOT / "plugins" / "kinran_bsdf",
     "benchmarks": ROOT / "benchmarks",
 }
+"""Folders of the packages that a digest looks into."""
 
 
 @functools.cache
@@ -33,7 +34,7 @@ def digest(module: str) -> str:
     Raises
     ------
     ModuleNotFoundError
-        No such module in this project.
+        The project has no such module.
     """
     whole = hashlib.sha256()
     for name, content in sorted(_contents(modules(module)).items()):
@@ -42,12 +43,12 @@ def digest(module: str) -> str:
 
 
 def modules(module: str) -> list[str]:
-    """Names, in order, of a module and of all modules of this project that it imports, directly or not.
+    """Return the sorted names of a module and of all modules of this project that it imports, directly or not.
 
     Raises
     ------
     ModuleNotFoundError
-        No such module in this project.
+        The project has no such module.
     """
     found: set[str] = set()
     todo = [module]
@@ -62,12 +63,12 @@ def modules(module: str) -> list[str]:
 
 
 def imports(module: str) -> list[str]:
-    """Modules of this project that a module imports itself: a submodule, not its package."""
+    """Return the modules of this project that a module imports itself: a submodule, not its package."""
     return [name for name in _read(module)[1] if _file(name)]
 
 
 def _contents(names: list[str]) -> dict[str, str]:
-    """Modules, and the templates beside them that they, or other templates, name."""
+    """Return, by name, the syntax of modules and the text of the templates beside them that they or templates name."""
     found = {name: _read(name)[0] for name in names}
     folders = {path.parent for name in names if (path := _file(name))}
     todo = list(found.values())
@@ -83,7 +84,7 @@ def _contents(names: list[str]) -> dict[str, str]:
 
 @functools.cache
 def _read(module: str) -> tuple[str, tuple[str, ...]]:
-    """Syntax of a module as text, and what it imports."""
+    """Return the syntax of a module as text, and the names that it imports."""
     path = _file(module)
     assert path
     tree = _Running().visit(ast.parse(path.read_text(encoding="utf-8")))
@@ -91,7 +92,7 @@ def _read(module: str) -> tuple[str, tuple[str, ...]]:
 
 
 class _Running(ast.NodeTransformer):
-    """What of a module's syntax says what it does: no docstrings, no help, and nothing that type checkers alone see."""
+    """The part of a module's syntax that runs: no docstrings, no help texts, no imports for type checkers alone."""
 
     def visit_Expr(self, node: ast.Expr) -> ast.AST | None:  # a docstring, a constant's too, is a string alone
         return None if _is_text(node.value) else self.generic_visit(node)

@@ -1,4 +1,4 @@
-"""Where lamp and camera stand, and what follows for each texel: direction, falloff, view."""
+"""Positions of lamp and camera, and the light direction, falloff and view that each texel gets from them."""
 
 import math
 from dataclasses import asdict, dataclass
@@ -19,8 +19,8 @@ class Distances:
     Attributes
     ----------
     lamp_mm
-        Millimetres of a length of 1 in the `.lp`: the dome's radius where its vectors have that length, 1 where they
-        are positions in millimetres. Without it they are directions, whatever their length.
+        Millimetres that a length of 1 in the `.lp` stands for: the dome's radius where the vectors have that length, 1
+        where they are positions in millimetres. None where they are directions, whatever their length.
     field_mm
         Width of a whole photograph on the fabric.
     camera_mm
@@ -37,12 +37,12 @@ UNKNOWN = Distances()
 
 
 def check_lengths(distances: Distances) -> None:
-    """Check what somebody measured.
+    """Check the distances that are known.
 
     Raises
     ------
     InputError
-        One is no length.
+        A distance is not a finite length over 0.
     """
     for name, value in asdict(distances).items():
         if value is not None and not (math.isfinite(value) and value > 0):
@@ -50,53 +50,68 @@ def check_lengths(distances: Distances) -> None:
 
 
 def crop_centre(crop: tuple[int, int, int, int], size: tuple[int, int], field_mm: float) -> tuple[float, float]:
-    """X and Y in millimetres of the middle of a crop (x, y, width, height from the top left) in a photograph."""
+    """Return the middle (X, Y) of a crop, in millimetres from the middle of the photograph.
+
+    Parameters
+    ----------
+    crop
+        x, y, width and height in pixels from the top left.
+    size
+        Width and height of the photograph in pixels.
+    field_mm
+        Width of the photograph on the fabric.
+    """
     x, y, width, height = crop
     pixel = field_mm / size[0]
     return (x + width / 2 - size[0] / 2) * pixel, (size[1] / 2 - y - height / 2) * pixel
 
 
 def seen_from(position_mm: Vector, centre_mm: tuple[float, float]) -> Vector:
-    """Position of a lamp or a camera from another point (X, Y) of the fabric."""
+    """Return the position of a lamp or a camera, in millimetres, relative to a point (X, Y) of the fabric."""
     return position_mm[0] - centre_mm[0], position_mm[1] - centre_mm[1], position_mm[2]
 
 
 def relative_light(positions_mm: ArrayLike) -> Array:
-    """Light (lamp,) that equal lamps at positions (lamp, 3) bring to the field's centre, square on; its middle is 1."""
+    """Return the irradiance (lamp,) of equal lamps at positions (lamp, 3) in mm at the field's centre, square on.
+
+    It falls with the square of the distance, and is 1 at the lamps' median distance.
+    """
     distance = np.linalg.norm(np.asarray(positions_mm, float), axis=1)
     return np.asarray((np.median(distance) / distance) ** 2)
 
 
 def unit(vector: Vector) -> Vector:
-    """Vector of length 1."""
+    """Return the vector scaled to length 1."""
     length = math.hypot(*vector)
     return vector[0] / length, vector[1] / length, vector[2] / length
 
 
 def texel_points(height: int, width: int, texel_mm: float) -> Array:
-    """Centres (y, x, 3) of texels in millimetres from the field's centre, on the plane of the fabric."""
+    """Return the centres (y, x, 3) of texels on the plane of the fabric, in millimetres from the field's centre."""
     x = (np.arange(width) + 0.5 - width / 2) * texel_mm
     y = (np.arange(height) + 0.5 - height / 2) * texel_mm
     return np.stack(np.broadcast_arrays(x, y[:, None], 0.0), -1)
 
 
 def directions_to(position_mm: ArrayLike, points: Array) -> Array:
-    """Unit vectors (..., 3) from points to a lamp or a camera."""
+    """Return unit vectors (..., 3) from points (..., 3) to a lamp or a camera, all in millimetres."""
     towards = np.asarray(position_mm, float) - points
     return np.asarray(towards / np.linalg.norm(towards, axis=-1, keepdims=True))
 
 
 def falloff(positions_mm: ArrayLike, points: Array) -> Array:
-    """Light of point lamps that reaches points square on, relative to the field's centre (inverse square).
+    """Return the irradiance of point lamps at points of planes that face them, relative to that at the field's centre.
 
-    The stack's values hold it: radiance under the lamp as it stands, over that of a white diffuser in the middle.
-    π·T of a texel is its value over this, and T includes the cosine of the texel's own θ_i.
+    It falls with the square of the distance. A stack's values include it: they are radiance under the lamp as it
+    stands, over that of a white diffuser in the middle. A texel's π·T is its value divided by this factor; T includes
+    the cosine of the texel's own θ_i.
 
     Parameters
     ----------
     positions_mm : (..., 3)
         Positions of one lamp, or of several, in millimetres.
     points : (..., 3)
+        Points in millimetres.
 
     Returns
     -------

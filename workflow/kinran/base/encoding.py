@@ -15,8 +15,8 @@ Image = NDArray[np.float32]
 Real = TypeVar("Real", np.float32, np.float64)
 
 BLACK = 0.03
-"""Light that `Encoding.weight` adds to every sample, since the curves' slope has no bound near black. It is meant to
-keep a few dark samples from deciding a fit; no measurement stands behind its size."""
+"""Linear light that `Encoding.weight` adds to each sample, since the curves' slopes grow without bound near black: else
+a few dark samples would decide a fit. Its size is a choice; no measurement stands behind it."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Encoding:
     exponent: float
 
     def decode(self, values: ArrayLike) -> Image:
-        """Linear light of encoded values in [0, 1], float32."""
+        """Return the linear light (...), float32, of encoded values (...) in [0, 1]."""
         v = np.asarray(values, np.float32)
         if self.exponent == 1:
             return v
@@ -44,7 +44,7 @@ class Encoding:
         return from_srgb(v)
 
     def encode(self, light: ArrayLike) -> Image:
-        """Encoded values in [0, 1] of linear light, which is clipped to [0, 1]; float32."""
+        """Return the encoded values (...), float32, of linear light (...), which is clipped to [0, 1]."""
         v = np.clip(np.asarray(light, np.float32), 0, 1)
         if self.exponent == 1:
             return v
@@ -53,7 +53,10 @@ class Encoding:
         return to_srgb(v)
 
     def weight(self, light: ArrayLike) -> Image:
-        """Squared derivative of `encode`, softened near black: least squares then means encoded values."""
+        """Return the squared derivative of `encode` at linear light (...), softened near black by `BLACK`.
+
+        With these weights, least squares in linear light is nearly least squares in encoded values.
+        """
         v = np.asarray(light, np.float32)
         if self.exponent == 1:
             return np.ones_like(v)
@@ -62,7 +65,7 @@ class Encoding:
 
 
 def parse(name: str) -> Encoding:
-    """Encoding of a name.
+    """Return the encoding that a name stands for.
 
     Raises
     ------
@@ -82,10 +85,10 @@ def parse(name: str) -> Encoding:
 
 
 def to_srgb(light: NDArray[Real]) -> NDArray[Real]:
-    """Values (...) in sRGB of linear light (...) that is not negative, in its own precision (IEC 61966-2-1)."""
+    """Return sRGB values (...) of non-negative linear light (...), in its own precision (IEC 61966-2-1)."""
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
 def from_srgb(values: NDArray[Real]) -> NDArray[Real]:
-    """Linear light (...) of sRGB values (...), in their own precision (IEC 61966-2-1)."""
+    """Return the linear light (...) of sRGB values (...), in their own precision (IEC 61966-2-1)."""
     return np.where(values <= 0.04045, values / 12.92, ((np.maximum(values, 0) + 0.055) / 1.055) ** 2.4)

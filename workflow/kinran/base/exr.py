@@ -21,8 +21,15 @@ memory."""
 def write_exr(path: Path, channels: dict[str, Image], header: dict[str, object] | None = None) -> None:
     """Write float32 channels (y, x) under their names, losslessly compressed.
 
-    OpenEXR scrambles arrays that are not contiguous without a word, so each is made contiguous and the file
+    OpenEXR scrambles arrays that are not contiguous without an error, so each is made contiguous and the file
     is read back before it takes its name.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written to.
+    OSError
+        The file reads back changed.
     """
     planes = {name: np.ascontiguousarray(plane, np.float32) for name, plane in channels.items()}
     attributes = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **(header or {})}
@@ -35,7 +42,7 @@ def write_exr(path: Path, channels: dict[str, Image], header: dict[str, object] 
 
 
 def read_exr(path: Path) -> dict[str, Image]:
-    """Read all channels (y, x) of a one-part EXR as float32, by name."""
+    """Read all channels (y, x) of a one-part EXR as float32, by name; errors as in `read_exr_with_header`."""
     return read_exr_with_header(path)[0]
 
 

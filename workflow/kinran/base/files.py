@@ -15,11 +15,11 @@ import msgspec
 T = TypeVar("T")
 
 NAME = re.compile(r"[a-z0-9][a-z0-9_-]*")
-"""Names that are safe as paths, words of a shell and HTML."""
+"""Pattern of names that are safe as paths, as words of a shell and in HTML."""
 
 
 class InputError(Exception):
-    """What the user gave cannot be used; the message is one sentence: file, value, what to do."""
+    """Input of the user that cannot be used; the message is one sentence: file, value, remedy."""
 
 
 @contextmanager
@@ -80,7 +80,7 @@ def read_json(path: Path) -> Any:
 
 
 def read_as(path: Path, kind: type[T], what: str, remedy: str = "make it again") -> T:
-    """Read a JSON file as a dataclass, or as a list or dict of them; keys that it does not have are passed over.
+    """Read a JSON file as a dataclass, or as a list or dict of them; unknown keys are ignored.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def read_as(path: Path, kind: type[T], what: str, remedy: str = "make it again")
 
 
 def fitted(path: Path, value: Any, kind: type[T], what: str, remedy: str = "make it again") -> T:
-    """Content of a JSON file as a dataclass; parameters and errors as in `read_as`."""
+    """Convert the content of a JSON file to a dataclass; parameters and errors as in `read_as`."""
     try:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
@@ -112,7 +112,7 @@ def fitted(path: Path, value: Any, kind: type[T], what: str, remedy: str = "make
 
 
 def sha256(path: Path) -> str:
-    """SHA-256 of a file's bytes, in hexadecimal."""
+    """Return the SHA-256 of a file's bytes in hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

@@ -1,4 +1,4 @@
-"""Directions and frames: the one place for Kinran's geometric conventions.
+"""Directions and frames: Kinran's geometric conventions.
 
 X is the weft (image column, +u), Y the warp (up in the image, +v), N points to the camera; right-handed.
 θ is measured from N, φ from X towards Y (Takeda2008, Fig. 2). Directions point away from the surface.
@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def direction(theta: ArrayLike, phi: ArrayLike) -> Array:
-    """Unit vectors of polar angles.
+    """Return the unit vectors of polar angles.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def direction(theta: ArrayLike, phi: ArrayLike) -> Array:
 
 
 def angles(vectors: ArrayLike) -> tuple[Array, Array]:
-    """Polar angles (θ, φ) in radians of vectors (..., 3) of any length; φ in [0, 2π), 0 at the pole."""
+    """Return the polar angles (θ, φ) in radians of vectors (..., 3) of any length; φ in [0, 2π), 0 at the pole."""
     v = np.asarray(vectors, float)
     radius = np.hypot(v[..., 0], v[..., 1])
     phi = np.where(radius > 0, np.arctan2(v[..., 1], v[..., 0]), 0.0)
@@ -37,17 +37,17 @@ def angles(vectors: ArrayLike) -> tuple[Array, Array]:
 
 
 def half_vector(lights: ArrayLike) -> Array:
-    """Half vectors of light directions (..., 3) with the view V = N."""
+    """Return the half vectors (..., 3) of unit light directions (..., 3) and the view V = N."""
     h = np.asarray(lights, float) + np.array([0.0, 0.0, 1.0])
     return np.asarray(h / np.linalg.norm(h, axis=-1, keepdims=True))
 
 
 def slopes(lights: ArrayLike) -> Array:
-    """Half-vector slopes (h_x / h_z, h_y / h_z) of unit light directions (..., 3) with V = N; (..., 2)."""
+    """Return the half vectors' slopes (h_x / h_z, h_y / h_z), (..., 2), of unit light directions (..., 3) and V = N."""
     v = np.asarray(lights, float)
     return v[..., :2] / (1.0 + v[..., 2:])
 
 
 def wrap(angle: ArrayLike) -> Array:
-    """Difference of azimuths wrapped to [-π, π)."""
+    """Return differences of azimuths, in radians, wrapped to [-π, π)."""
     return np.mod(np.asarray(angle, float) + np.pi, 2 * np.pi) - np.pi

@@ -1,6 +1,6 @@
-"""Messages: plain lines on stderr, and how far a long loop has come.
+"""Log messages: plain lines on stderr, and the progress of a long loop.
 
-A module says what it does by ``logging.getLogger(__name__)``; who calls a stage from Python decides where that goes.
+A module logs to ``logging.getLogger(__name__)``; a program that calls a stage decides where its messages go.
 """
 
 import logging
@@ -18,7 +18,7 @@ log = logging.getLogger(__name__)
 
 
 class _Stderr(logging.Handler):
-    """Each message as a line on what ``sys.stderr`` is at that time, which a caller may have redirected."""
+    """Writes each message as a line to the ``sys.stderr`` of that moment, which a caller may have redirected."""
 
     def emit(self, record: logging.LogRecord) -> None:
         print(self.format(record), file=sys.stderr, flush=True)
@@ -34,16 +34,21 @@ def to_stderr() -> None:
 
 
 def progress(items: Iterable[T], what: str, unit: str, total: int | None = None) -> Iterator[T]:
-    """Give the items one by one, and log ``what: k of n unit`` at most once a second and after the last.
+    """Yield the items, and log ``what: k of n unit`` at most once a second and after the last.
 
     Parameters
     ----------
     items
-        What the loop goes over.
+        Items of the loop.
     what, unit
-        What the loop does, and the items' name in the plural.
+        Name of the work, and of the items in the plural, for the message.
     total
-        Number of items, where `items` does not know it.
+        Number of items, where `items` has no length.
+
+    Raises
+    ------
+    TypeError
+        `items` has no length and `total` is missing.
     """
     if total is None:
         if not isinstance(items, Collection):

@@ -1,6 +1,6 @@
 """Pages: one HTML file each that needs no network, made from templates beside the stages that write them.
 
-All templates extend `page.html`. What they are given is escaped, but for what is marked as markup.
+All templates extend `page.html`. Values are escaped unless they are marked as markup.
 """
 
 import base64
@@ -16,19 +16,19 @@ from kinran.base.pictures import Picture
 
 
 def embed(picture: Picture) -> str:
-    """Picture as a data URL, so that a page is one file."""
+    """Return a picture as a data URL, so that a page is one file."""
     buffer = io.BytesIO()
     Image.fromarray(picture).save(buffer, "PNG", optimize=True)
     return data_url(buffer.getvalue())
 
 
 def embed_file(path: Path) -> str:
-    """PNG file as a data URL."""
+    """Return a PNG file as a data URL."""
     return data_url(path.read_bytes())
 
 
 def data_url(data: bytes, kind: str = "png") -> str:
-    """Bytes of a picture as a data URL."""
+    """Return the bytes of a picture of this kind as a data URL."""
     return f"data:image/{kind};base64," + base64.b64encode(data).decode()
 
 

@@ -15,28 +15,29 @@ SRGB = parse("srgb")
 LABEL_COLOURS = np.array(
     [[214, 162, 52], [178, 34, 34], [46, 94, 170], [230, 226, 215], [58, 125, 68], [122, 74, 140]], np.uint8
 )
+"""Colours of regions that do not look apart by their own."""
 HEAT = np.array([[0, 0, 0], [60, 15, 110], [180, 40, 90], [250, 130, 20], [255, 240, 150]], float)
 """Colours of `heat` at 0, ¼, ½, ¾ and 1, of growing lightness, so that they read in grey as well."""
 
 
 def photograph(light: ArrayLike, exposure: float = 1.0) -> Picture:
-    """Linear RGB (y, x, 3), row 0 at the bottom, as an upright sRGB picture."""
+    """Return linear RGB (y, x, 3), row 0 at the bottom, as an upright sRGB picture."""
     return upright(SRGB.encode(np.nan_to_num(np.asarray(light, np.float32) * np.float32(exposure))) * 255 + 0.5)
 
 
 def auto_exposure(light: ArrayLike) -> float:
-    """Factor that puts the 97th percentile of the brightest channel at 0.8."""
+    """Return the factor that brings the 97th percentile of the brightest channel of RGB (..., 3) to 0.8: a choice."""
     level = float(np.percentile(np.nan_to_num(np.asarray(light, np.float32)).max(-1), 97))
     return 0.8 / level if level > 0 else 1.0
 
 
 def upright(values: ArrayLike) -> Picture:
-    """Values in [0, 256) with row 0 at the bottom as 8-bit, top row first."""
+    """Return values (y, x, ...) in [0, 256), row 0 at the bottom, as 8-bit with the top row first."""
     return np.ascontiguousarray(np.clip(np.asarray(values), 0, 255).astype(np.uint8)[::-1])
 
 
 def heat(values: ArrayLike, high: float) -> Picture:
-    """Scalar map (y, x), row 0 at the bottom, from black (0) to pale yellow (`high`)."""
+    """Return a scalar map (y, x), row 0 at the bottom, in colours from black (0) to pale yellow (`high`)."""
     x = np.clip(np.nan_to_num(np.asarray(values, float)) / max(high, 1e-12), 0, 1) * (len(HEAT) - 1)
     low = np.minimum(x.astype(int), len(HEAT) - 2)
     part = (x - low)[..., None]
@@ -44,7 +45,7 @@ def heat(values: ArrayLike, high: float) -> Picture:
 
 
 def region_colours(colours: NDArray[np.float64]) -> Picture:
-    """Colours (region, 3) for a label map: their own linear ones, or `LABEL_COLOURS` where these look alike."""
+    """Return 8-bit colours (region, 3) for a label map: linear `colours`, or `LABEL_COLOURS` where two look alike."""
     light = np.clip(colours, 0, None)
     own = SRGB.encode(light / np.maximum(light.max(1, keepdims=True), 1e-6) * 0.8) * 255
     apart = np.linalg.norm(own[:, None] - own[None], axis=-1) + 1e3 * np.eye(len(own))
@@ -54,12 +55,12 @@ def region_colours(colours: NDArray[np.float64]) -> Picture:
 
 
 def label_map(labels: NDArray[np.integer], colours: Picture) -> Picture:
-    """Label map (y, x), row 0 at the bottom, in the colours (region, 3)."""
+    """Return a label map (y, x), row 0 at the bottom, as a picture in the colours (region, 3)."""
     return upright(colours[labels])
 
 
 def directions_map(x: ArrayLike, y: ArrayLike, scale: float = 0.6) -> Picture:
-    """Slopes (y, x) as colour: hue is their direction, strength their size (`scale` is full)."""
+    """Return slopes (y, x) as colours: hue is their direction, saturation their size (full at `scale`)."""
     x, y = np.asarray(x, float) / scale, np.asarray(y, float) / scale
     strength = np.clip(np.hypot(x, y), 0, 1)
     angle = np.arctan2(y, x)
@@ -68,13 +69,13 @@ def directions_map(x: ArrayLike, y: ArrayLike, scale: float = 0.6) -> Picture:
 
 
 def enlarge(picture: Picture, width: int) -> Picture:
-    """Enlarge by a whole factor, pixels staying sharp, until it is about `width` wide."""
+    """Enlarge a picture by a whole factor to about `width` pixels, without smoothing."""
     factor = max(1, round(width / picture.shape[1]))
     return picture.repeat(factor, 0).repeat(factor, 1)
 
 
 def sheet(rows: list[list[tuple[str, Picture]]], gap: int = 8) -> Picture:
-    """Contact sheet of pictures with a caption over each."""
+    """Return a contact sheet of rows of pictures, with a caption over each and `gap` pixels between them."""
     height = max(p.shape[0] for row in rows for _, p in row)
     width = max(p.shape[1] for row in rows for _, p in row)
     head = 18

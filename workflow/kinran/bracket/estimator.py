@@ -1,8 +1,9 @@
 """The estimator: light of each sensor site from its counts at several exposures, before any demosaic.
 
-Two passes over the counts of one site, without a temporary picture. The first predicts the signal from the shortest
-exposure upwards; the second is the mean with weights from the *predicted* variance (a weight from the noisy value
-itself is biased in the dark), tapered to zero under saturation. The residuals then say whether the exposures agree.
+It makes two passes over the counts of one site, without a temporary picture. The first predicts the signal from the
+shortest exposure upwards; the second takes the mean with weights from the *predicted* variance (a weight from the noisy
+value itself is biased in the dark), tapered to zero under saturation. The χ² of the residuals then tells whether the
+exposures agree.
 """
 
 from collections.abc import Callable
@@ -22,15 +23,15 @@ Counts = NDArray[np.uint16]
 Array = NDArray[np.float64]
 
 TAPER = 0.92
-"""From this share of saturation on an exposure loses its weight, so that no step shows where it ends. 0.80 costs 30 to
-45 % of RMSE in the tenth of a decade under saturation, this under 1 % (on the synthetic camera of ``kinran bench
+"""Share of saturation from which the weight of an exposure falls to 0, so that no step shows where it ends. 0.80 costs
+30 to 45 % of RMSE in the tenth of a decade under saturation, 0.92 under 1 % (on the synthetic camera of ``kinran bench
 merge``)."""
 DARK_SIGMA = 3.0
-"""A value under so many of its standard deviations is flagged as dark."""
+"""Number of standard deviations under which a value is flagged as dark: noise alone rarely exceeds it."""
 GUARD = 2
-"""Pixels around a saturated one of a photograph that do not tell the ratio of exposures: demosaicing reaches so far."""
+"""Pixels around a saturated one of a photograph that are left out of exposure ratios: demosaicing reaches so far."""
 CHANCE = 1e-7
-"""How seldom noise alone makes the exposures of a site disagree: at one site of ten megapixels."""
+"""Probability that noise alone makes the exposures of a site disagree: one site of ten megapixels."""
 
 
 class Merged(NamedTuple):
@@ -39,11 +40,11 @@ class Merged(NamedTuple):
     Attributes
     ----------
     rate : (...) float32
-        Counts per second. Where every exposure is saturated it is what the shortest shows: a lower bound.
+        Counts per second. Where every exposure is saturated, the rate of the shortest: a lower bound.
     sigma : (...) float32
-        Its standard deviation; infinite where every exposure is saturated.
+        Standard deviation of `rate`; infinite where every exposure is saturated.
     apart : (...) bool
-        Whether the exposures disagree by more than their noise: something had moved.
+        Whether the exposures disagree by more than their noise, since something moved.
     """
 
     rate: Image
@@ -52,16 +53,16 @@ class Merged(NamedTuple):
 
 
 class _Sensor(NamedTuple):
-    """What the compiled loop knows of a sensor.
+    """Sensor for the compiled loop.
 
     Attributes
     ----------
     clip, gain
-        The same as in `Response`.
+        Attributes of `Response`.
     read, coding
-        Variances: the squares of those of `Response`.
+        Variances: squares of the attributes of `Response`.
     limit
-        The exposures of a site disagree where their χ² is over this.
+        χ² above which the exposures of a site disagree.
     """
 
     clip: np.float32
@@ -77,10 +78,11 @@ def estimate(counts: Counts, black: Array, seconds: Array, response: Response) -
     Parameters
     ----------
     counts : (exposure, ...) uint16
+        Counts of the sites.
     black : (exposure,) float
-        Count of darkness of each frame.
+        Black level of each frame in counts.
     seconds : (exposure,) float
-        True shutter times, in any order.
+        True shutter times in seconds, in any order.
     response
         Response of the sensor.
     """
@@ -97,13 +99,15 @@ def estimate_rows(planes: Counts, black: Array, seconds: Array, response: Respon
     Parameters
     ----------
     planes : (exposure, plane, y, x) uint16
+        Counts of the sites.
     black : (exposure, plane) float
+        Black levels in counts.
     seconds : (exposure, y) float
-        True shutter times of each row.
+        True shutter times of each row in seconds.
     response
         Response of the sensor.
     first, last
-        Rows.
+        First row, and the one after the last.
 
     Returns
     -------
@@ -125,7 +129,7 @@ def estimate_rows(planes: Counts, black: Array, seconds: Array, response: Respon
 
 @cache
 def _kernel(n: int) -> Callable[..., None]:
-    """`estimate_rows` for n exposures: the compiler unrolls a loop whose length it knows, and vectorises."""
+    """Compile the loop of `estimate_rows` for n exposures: with n known, the compiler unrolls and vectorises it."""
     last = n - 1
 
     def merge(counts: Counts, black: Image, seconds: Image, sensor: _Sensor, start: int, merged: Merged) -> None:
@@ -171,23 +175,26 @@ def _kernel(n: int) -> Callable[..., None]:
 
 
 def ratio_sums(planes: Counts, black: Array, longer: int, clip: float) -> Array:
-    """Sums whose ratio is that of neighbouring exposures, unbiased: chosen on one green site, measured on the other.
+    """Return sums of counts whose ratio is that of neighbouring exposures.
+
+    They are unbiased: pixels are chosen by one green site and measured on the other.
 
     Parameters
     ----------
     planes : (exposure, plane, y, x) uint16
-        Longest exposure first; four planes of a Bayer sensor, or three of photographs, whose green chooses itself.
+        Longest exposure first; four planes of a Bayer sensor, or three of photographs, whose only green does both.
     black : (exposure, plane) float
+        Black levels in counts.
     longer
-        The exposure that is compared with the next shorter one.
+        Index of the exposure that is compared with the next shorter one.
     clip
-        Counts over black of saturation.
+        Saturation in counts over black.
 
     Returns
     -------
     (y, 3) float
-        For each row the counts of the sites that are well lit in the longer exposure, the counts of the same
-        sites in the shorter one, and how many they are.
+        For each row: counts over black, in the longer exposure, of the sites that are well lit in it; those of the
+        same sites in the shorter exposure; number of these sites.
     """
     sums = np.zeros((planes.shape[2], 3))
     bayer = planes.shape[1] == 4
@@ -203,13 +210,13 @@ def ratio_sums(planes: Counts, black: Array, longer: int, clip: float) -> Array:
 
 
 def guarded(counts: Counts, full: float) -> Counts:
-    """Counts (y, x) without those beside saturated ones, which a photograph mixes when it is demosaiced or scaled."""
+    """Return counts (y, x) that are 0 within `GUARD` of those from `full` up, which demosaicing or scaling mixes."""
     return np.where(maximum_filter(counts, 2 * GUARD + 1) < full, counts, np.uint16(0))
 
 
 @nb.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _ratio_sums(chosen: Counts, longer: Counts, shorter: Counts, levels: Counts, sums: NDArray[np.int64]) -> None:
-    """Sums over the sites with low ≤ chosen < high and longer < full; whole numbers, so that it vectorises."""
+    """Sum over the sites with low ≤ chosen < high and longer < full, in whole numbers, which vectorises."""
     low, high, full = levels
     for y in range(chosen.shape[0]):
         top, bottom, sites = np.uint32(0), np.uint32(0), np.uint32(0)  # they hold a row of 65,536 counts of 16 bits

@@ -1,4 +1,4 @@
-"""Shutter times: what a camera means by 1/25 s, and what the pictures say of it."""
+"""Shutter times: the third stops that nominal times stand for, and true times from the pictures."""
 
 import math
 from collections.abc import Sequence
@@ -21,31 +21,31 @@ DIAL = (
     *(1 / n for n in (4, 5, 6, 8, 10, 13, 15, 20, 25, 30, 40, 50, 60, 80, 100, 125, 160, 200, 250, 320, 400, 500)),
     *(1 / n for n in (640, 800, 1000, 1250, 1600, 2000, 2500, 3200, 4000, 5000, 6400, 8000)),
 )
-"""Times in thirds of a stop, as cameras name them."""
+"""Nominal times of a camera's dial in seconds, in thirds of a stop."""
 NAMED = 0.006
-"""A time that is as close, relative, to one of the dial is meant by it."""
+"""Relative difference within which a time counts as one of the dial: a choice."""
 DEGREE = 3
 """Degree of the polynomial for the travel of the curtains."""
 BANDS = 16
-"""Bands of rows that the polynomial is fitted to: four for each of its coefficients."""
+"""Bands of rows that the polynomial is fitted to: four for each coefficient."""
 LEAST_IN_BAND = 50
-"""Lit sites that a band needs to tell its ratio."""
+"""Fewest lit sites of a band that is used: a choice."""
 LEAST_SITES = 100
-"""Sites that are enough to tell the ratio of two exposures, if its noise is under 1 %."""
+"""Fewest sites for a measured ratio of two exposures, whose noise has to be under 1 %, too: a choice."""
 
 
 @dataclass(frozen=True)
 class Ratio:
-    """How much longer an exposure is than the next shorter one.
+    """Measured ratio of an exposure to the next shorter one.
 
     Attributes
     ----------
     value
-        Estimate; NaN where no site tells.
+        Ratio; NaN without a site.
     noise
-        Its relative standard deviation, by photon and read noise and by the darkness.
+        Relative standard deviation of the ratio by photon noise, read noise and the error of the black level.
     sites
-        How many sites tell.
+        Number of sites that it is measured on.
     """
 
     value: float
@@ -54,9 +54,9 @@ class Ratio:
 
 
 def third_stop(nominal: float) -> float:
-    """The power of 2^(1/3) seconds that a camera means by a time of its dial: 1/25.4 s for 1/25 s.
+    """Return the third stop in seconds that a time of the dial stands for, a power of 2^(1/3): 1/25.4 s for 1/25 s.
 
-    A time that no dial has is what it is.
+    A time that is not on the dial is returned as it is.
     """
     if min(abs(nominal / time - 1) for time in DIAL) > NAMED:
         return nominal
@@ -64,12 +64,12 @@ def third_stop(nominal: float) -> float:
 
 
 def parse_times(text: str) -> list[float]:
-    """Seconds of a list such as ``1/25,1/100,0.004``.
+    """Parse times in seconds such as ``1/25,1/100,0.004``.
 
     Raises
     ------
     InputError
-        A word is no time over 0 s.
+        A word is not a time over 0 s.
     """
     times = []
     for word in text.split(","):
@@ -83,21 +83,24 @@ def parse_times(text: str) -> list[float]:
 
 
 def curtain(coefficients: Sequence[float], rows: int) -> Array:
-    """(rows,) exposure of each row relative to the mean, from the bottom up, of its Legendre coefficients.
+    """Return the exposure (rows,) of each row relative to the mean, from the bottom up.
 
     Parameters
     ----------
     coefficients
         Legendre coefficients of degree 1, 2, …; none for a shutter that exposes all rows alike.
     rows
-        Their number.
+        Number of rows.
     """
     at = (np.arange(rows) + 0.5) / rows * 2 - 1
     return np.asarray(1 + legendre.legval(at, [0.0, *coefficients]), float)
 
 
 def ratio(sums: Array, response: Response, black_error: float) -> Ratio:
-    """Ratio of two exposures from the sums of `ratio_sums`, all rows taken together."""
+    """Return the ratio of two exposures from the sums (y, 3) of `ratio_sums` over all rows.
+
+    `black_error` is the standard deviation of the black level in counts.
+    """
     top, bottom, sites = (float(value) for value in sums.sum(0))
     if bottom <= 0:
         return Ratio(math.nan, math.inf, int(sites))
@@ -106,17 +109,22 @@ def ratio(sums: Array, response: Response, black_error: float) -> Ratio:
 
 
 def curtain_of(sums: Array, response: Response) -> tuple[float, ...]:
-    """Legendre coefficients of a shorter exposure's curtain relative to the longer one's; none if it shows none.
+    """Fit the curtain of a shorter exposure relative to that of the longer one.
 
-    The ratio of both exposures in bands of rows, by weighted least squares. Each band counts by its noise, or by
-    0.2 %, which is how well the lit sites of a band represent it.
+    A polynomial is fitted to the ratio of both exposures in bands of rows by least squares. The weight of a band
+    follows from its noise and 0.2 %, the assumed error by which its lit sites represent it.
 
     Parameters
     ----------
     sums : (y, 3) float
-        What `ratio_sums` returns.
+        Sums of `ratio_sums`.
     response
         Response of the sensor.
+
+    Returns
+    -------
+    tuple of float
+        Legendre coefficients of degree 1, 2, 3; none where the curtain is not significant.
     """
     rows = len(sums)
     bands = min(BANDS, rows // 4)
@@ -133,23 +141,25 @@ def curtain_of(sums: Array, response: Response) -> tuple[float, ...]:
     basis = legendre.legvander(at, DEGREE) / noise[:, None]
     fitted = np.linalg.lstsq(basis, relative / noise, rcond=None)[0]
     before, after = (np.square((relative - m) / noise).sum() for m in (1.0, basis @ fitted * noise))
-    if before - after < 30:  # χ² of three degrees of freedom: chance gives this once in a million
+    if before - after < 30:  # χ² of three degrees of freedom: a chance of one in a million
         return ()
     return tuple(float(c) for c in fitted[1:] / fitted[0])
 
 
 def row_seconds(seconds: Sequence[float], curtains: Sequence[Sequence[float]], rows: int) -> Array:
-    """(exposure, rows) true times of each row of the sensor."""
+    """Return the true times (exposure, rows) in seconds of each row of the sensor."""
     return np.asarray([time * curtain(shape, rows) for time, shape in zip(seconds, curtains, strict=True)], float)
 
 
 def ratio_to(planes: Counts, black: Array, longer: int, rows: Array, clip: float) -> Array:
-    """`ratio_sums` in which the shorter exposure is brought to the longer one's curtain.
+    """Return the sums (y, 3) of `ratio_sums`, with the shorter exposure corrected to the longer one's curtain.
 
     Parameters
     ----------
+    planes, black, longer, clip
+        Parameters of `ratio_sums`.
     rows : (exposure, y)
-        `row_seconds`.
+        Times of `row_seconds`.
     """
     sums = ratio_sums(planes, black, longer, clip)
     shape = rows[longer] / rows[longer].mean() / (rows[longer + 1] / rows[longer + 1].mean())
@@ -164,14 +174,16 @@ def measure(
     prior: Sequence[float],
     response: Response,
 ) -> tuple[Exposure, ...]:
-    """True shutter times of brackets with the same exposures: the longest as its prior, the others by their ratios.
+    """Measure the true shutter times of brackets with the same exposures.
+
+    The longest time is its prior; the others follow from the ratios of neighbouring exposures.
 
     Parameters
     ----------
     planes, blacks
-        Counts and black of each bracket, as `ratio_sums` takes them.
+        Counts and black levels of each bracket, as `ratio_sums` takes them.
     nominal, prior
-        Times, longest first: as named, and as meant.
+        Nominal times and their third stops in seconds, longest first.
     response
         Response of the sensor.
     """
@@ -196,6 +208,6 @@ def measure(
 
 
 def discrepancy(exposures: Sequence[Exposure], longer: int) -> float:
-    """Relative error of the times that are meant, of this exposure and the next shorter one, by their pictures."""
+    """Return the relative error of the prior ratio of an exposure to the next shorter one, by the pictures."""
     a, b = exposures[longer], exposures[longer + 1]
     return a.seconds / b.seconds / (a.prior_s / b.prior_s) - 1

@@ -2,8 +2,8 @@
 
 Channels R G B, sigma.R sigma.G sigma.B (standard deviation; infinite where every exposure is saturated) and flags
 (1 saturated, 2 dark, 4 hot, 8 shifted). RAW is merged before any demosaic, one pixel for four sites, in counts per
-second of the camera's R, G, B; photographs in white per second, linear Rec. 709. The times come from --times, EXIF or
-the name (…_25ms, …_1-250s), are taken as third stops where they are such, and their ratios then from the pictures.
+second of the camera's R, G, B; photographs in white per second, linear Rec. 709. Nominal times come from --times, EXIF
+or the name (…_25ms, …_1-250s); times of a camera's dial stand for third stops. True ratios come from the pictures.
 """
 
 import json
@@ -32,7 +32,7 @@ from kinran.data.raw import is_raw
 log = logging.getLogger(__name__)
 
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
-"""Chromaticities of Rec. 709: R, G, B and white."""
+"""Chromaticities (x, y) of Rec. 709: R, G, B and white."""
 
 
 @dataclass(frozen=True)
@@ -70,12 +70,12 @@ def main(
 
 
 def timed(paths: Sequence[Path], times: str) -> list[Frame]:
-    """Frames with their nominal times: as given, or of EXIF, or as their names say.
+    """Return frames with their nominal times, from `times`, EXIF or the names.
 
     Raises
     ------
     InputError
-        A file is missing or of another kind, stands twice, or its time is not known.
+        A file is missing, given twice or of another kind, or its time is unknown.
     """
     for k, path in enumerate(paths):
         if not path.is_file():
@@ -96,7 +96,13 @@ def timed(paths: Sequence[Path], times: str) -> list[Frame]:
 
 
 def read(frames: Sequence[Frame], encoding: str) -> tuple[Bracket, str]:
-    """Bracket of frames, and the encoding of photographs; empty for RAW."""
+    """Read a bracket, and the encoding of its photographs; empty for RAW.
+
+    Raises
+    ------
+    InputError
+        An encoding is given for RAW, or the frames cannot be read as a bracket.
+    """
     shot = Taken("bracket", "light", 0, None, None, tuple(frames))
     if any(is_raw(frame.path) for frame in frames):
         if encoding:
@@ -110,10 +116,15 @@ def read(frames: Sequence[Frame], encoding: str) -> tuple[Bracket, str]:
 
 
 def debevec(frames: Sequence[Frame], encoding: str) -> tuple[dict[str, Image], dict[str, object]]:
-    """Channels and header of the baseline of Debevec and Malik (Debevec1997), in white a second: R G B and flags.
+    """Return channels (R G B in white per second, flags) and header of the baseline of Debevec and Malik (Debevec1997).
 
-    Without an encoding the response is recovered from the bracket, as they do. Where no exposure has a weight (codes
-    0 and 255 have none) the value is not a number, flagged as saturated or dark.
+    The encoding ``recovered`` is their own: the response curve of the bracket. Where no exposure has a weight (codes 0
+    and 255 have none) the value is NaN, flagged as saturated or dark.
+
+    Raises
+    ------
+    InputError
+        A frame is RAW or cannot be read.
     """
     for frame in frames:
         if is_raw(frame.path):
@@ -170,7 +181,7 @@ def write(path: Path, merged: Radiance, bracket: Bracket, camera: CalibratedCame
 
 
 def summary(merged: Radiance, camera: CalibratedCamera, encoding: str) -> str:
-    """What was merged, in a few lines."""
+    """Return a summary of a merged bracket in a few lines."""
     height, width, _ = merged.value.shape
     full = float(merged.texels_with(SATURATED).mean())
     lines = [f"{width} × {height} pixels" + (f", {encoding} photographs" if encoding else ", RAW"), ""]

@@ -1,4 +1,4 @@
-"""Noise of a camera from a bracket of any still scene, by how its exposures predict each other; σ of a stack."""
+"""Noise of a camera from a bracket of any still scene, whose exposures predict each other; σ of a stack."""
 
 from typing import Any, NamedTuple
 
@@ -13,21 +13,21 @@ Array = NDArray[np.float64]
 Counts = NDArray[np.uint16]
 
 MOST_SITES = 300_000
-"""Sites that are looked at: they tell a variance in each bin to 1 %."""
+"""Most sites that are used: they measure the variance of each bin to 1 %."""
 BINS = 24
-"""Bins of the level, of equal number, in which the variance is measured."""
+"""Bins of the level, of equal numbers of sites, in which the variance is measured: a choice."""
 LEAST_IN_BIN = 30
-"""Sites that a bin needs to tell its variance to a quarter."""
+"""Fewest sites of a bin that is used: they measure its variance to a quarter."""
 MOST_CUT = 0.005
-"""A bin with a larger share of counts at 0 says nothing: its darkness is cut off, so that its variance is too small."""
+"""Largest share of counts at 0 in a bin that is used, since clipping at 0 makes its variance too small: a choice."""
 LEAST_GAIN = 1e-7
 """Least gain, relative to saturation: no camera holds ten million electrons in a site."""
 ROUNDING = 12**-0.5
-"""Standard deviation of a value that is rounded to whole numbers."""
+"""Standard deviation of rounding to whole numbers."""
 
 
 class Noise(NamedTuple):
-    """Noise of a camera; attributes as `Response` has them."""
+    """Noise of a camera; attributes are those of `Response`."""
 
     gain: float
     read: float
@@ -35,25 +35,26 @@ class Noise(NamedTuple):
 
 
 def measure_noise(planes: Counts, black: Array, seconds: Array, clip: float) -> Noise:
-    """Noise of a camera from one of its brackets.
+    """Measure the noise of a camera on one of its brackets.
 
-    What a longer exposure predicts of the next shorter one, r y, differs from it by noise alone: the scene and the
-    pixels' own responses cancel. The variance is gain m (1 + r) + read² (1 + r²) + 2 coding² m² for a prediction of
-    m counts. Levels at which darkness is cut off at 0, as in photographs, tell nothing.
+    A longer exposure y and the ratio r predict r y for the next shorter one, which differs by noise alone: the scene
+    and the sites' own responses cancel. The variance of the difference is gain m (1 + r) + read² (1 + r²) +
+    2 coding² m² for a prediction of m counts. Levels that are clipped at 0, as in photographs, are left out.
 
     Parameters
     ----------
     planes : (exposure, plane, y, x) uint16
         Longest exposure first.
     black : (exposure, plane) float
+        Black levels in counts.
     seconds : (exposure, y) float
-        True times.
+        True times in seconds.
     clip
-        Counts over black of saturation.
+        Saturation in counts over black.
     """
     least = np.array([clip * LEAST_GAIN, rounding(planes) ** 2, 0.0])
     if len(planes) == 1:
-        return _of_neighbours(planes[0], black[0], clip, least)
+        return _from_neighbours(planes[0], black[0], clip, least)
     rows, variances, weights = [], [], []
     step = max(1, round((planes[0].size / MOST_SITES) ** 0.5))
     some = planes[:, :, ::step, ::step]
@@ -73,16 +74,17 @@ def measure_noise(planes: Counts, black: Array, seconds: Array, clip: float) -> 
 
 
 def sigma(radiance: NDArray[np.float32], noise: dict[str, Any]) -> Array:
-    """Standard deviation (..., 3) of the radiance (..., 3) of a stack of RAW brackets, by its noise model.
+    """Return the standard deviation (..., 3) of the radiance (..., 3) of a stack of RAW brackets, by its noise model.
 
-    Of the value and the exposures that it leaves under saturation: of photons, reading and rounding, and of the
-    sites' unequal response, which is the same under all lights. Infinite where all exposures are saturated.
+    It combines photon noise, read noise and rounding of the exposures under saturation with the sites' unequal
+    response, which is the same under all lights. It is infinite where all exposures are saturated.
 
     Parameters
     ----------
     radiance : (..., 3)
+        Radiance in the stack's unit.
     noise
-        `Stack.noise`.
+        Noise model `Stack.noise`.
     """
     rate = np.maximum(np.asarray(radiance, float), 0) * np.array(noise["white_counts_per_second"])
     gain, read, clip = noise["counts_per_electron"], noise["read_counts"], MARGIN * noise["saturation_counts"]
@@ -100,13 +102,13 @@ def sigma(radiance: NDArray[np.float32], noise: dict[str, Any]) -> Array:
 
 
 def rounding(planes: Counts) -> float:
-    """Standard deviation of rounding: 12^-1/2 of the smallest step between counts, 1 in RAW and more in 8 bits."""
+    """Return the standard deviation of rounding: 12^-1/2 of the smallest step of counts, 1 in RAW, more in 8 bits."""
     seen = np.flatnonzero(np.bincount(planes[..., ::3, ::3].ravel()))
     return float(np.diff(seen).min() * ROUNDING) if len(seen) > 1 else ROUNDING
 
 
-def _of_neighbours(planes: Counts, black: Array, clip: float, least: Array) -> Noise:
-    """Of one frame: from neighbouring sites, so that texture counts as noise; too much rather than too little."""
+def _from_neighbours(planes: Counts, black: Array, clip: float, least: Array) -> Noise:
+    """Measure the noise of one frame on neighbouring sites: texture counts as noise, so that it is an upper bound."""
     one, other = (planes[1], planes[2]) if len(planes) == 4 else (planes[1, :, ::2][:, :-1], planes[1, :, 1::2])
     width = min(one.shape[1], other.shape[1])
     pair = np.stack([one[:, :width], other[:, :width]]).reshape(2, -1)
@@ -124,7 +126,7 @@ def _of_neighbours(planes: Counts, black: Array, clip: float, least: Array) -> N
 
 
 def _bins(level: Array, difference: Array, cut: NDArray[np.bool_]) -> list[tuple[float, float, int]]:
-    """Mean level, variance without outliers, and number in bins of equal number, without those that are cut off."""
+    """Return mean level, variance without outliers, and number of sites of each bin that is not clipped at 0."""
     order = np.argsort(level, kind="stable")
     found = []
     for part in np.array_split(order, BINS):
@@ -138,7 +140,7 @@ def _bins(level: Array, difference: Array, cut: NDArray[np.bool_]) -> list[tuple
 
 
 def _solve(rows: Array, variances: Array, weights: Array, clip: float, least: Array) -> Noise:
-    """Least squares for (gain, read², coding²), each variance weighted by its own error; all stay over their least."""
+    """Solve for (gain, read², coding²) ≥ `least` by least squares, each variance weighted by its own error."""
     if len(rows) < 2:
         return Noise(float(clip / 30_000), float(max(np.sqrt(least[1]), 1e-3 * clip)), 0.0)
     model = np.maximum(variances, least[1])

@@ -1,6 +1,6 @@
-"""Debevec and Malik's radiance from photographs: the response curve of a camera, and the mean of logarithms.
+"""Debevec and Malik's radiance from photographs (Debevec1997): a camera's response curve, and the mean of logarithms.
 
-A named baseline. Its curve is also what makes gamma-encoded photographs of an unknown camera linear.
+It is a baseline. Its curve also linearises gamma-encoded photographs of an unknown camera.
 """
 
 from dataclasses import dataclass
@@ -12,16 +12,16 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 CODES = 256
-"""Codes of 8 bits."""
+"""Number of codes of 8 bits."""
 SMOOTHNESS = 30.0
-"""λ of Debevec and Malik 1997, Eq. 3, which they leave to the noise."""
+"""Smoothness λ of Debevec1997, Eq. 3, which the paper leaves to the noise of the data: a choice."""
 SAMPLES = 400
-"""Sites that the curve is recovered from: with N sites and P exposures they ask for N (P - 1) over 255."""
+"""Sites that the curve is recovered from: with N sites and P exposures Debevec1997 ask for N (P - 1) over 255."""
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A recovered response.
+    """A recovered response curve.
 
     Attributes
     ----------
@@ -32,18 +32,20 @@ class Curve:
     light: tuple[float, ...]
 
     def decode(self, values: ArrayLike) -> Image:
-        """Linear light of values in [0, 1], float32."""
+        """Return the linear light (...), float32, of encoded values (...) in [0, 1]."""
         at = np.clip(np.asarray(values, float), 0, 1) * (CODES - 1)
         return np.asarray(np.interp(at, np.arange(CODES), self.light), np.float32)
 
 
 def recover(codes: NDArray[np.uint8], seconds: Array) -> Curve:
-    """Response curve of a bracket (Debevec1997, Eq. 3), from sites of all levels.
+    """Recover the response curve of a bracket (Debevec1997, Eq. 3) from sites of all levels.
 
     Parameters
     ----------
     codes : (exposure, site) uint8
+        Codes of the sites.
     seconds : (exposure,) float
+        Exposure times in seconds.
     """
     chosen = _spread(codes)
     z = codes[:, chosen].astype(int)
@@ -68,15 +70,15 @@ def recover(codes: NDArray[np.uint8], seconds: Array) -> Curve:
 
 
 def hat(codes: ArrayLike) -> Array:
-    """Weights of codes: none at both ends, most in the middle (Debevec1997, Eq. 4)."""
+    """Return the weights of codes: 0 at both ends, highest in the middle (Debevec1997, Eq. 4)."""
     z = np.asarray(codes, float)
     return np.asarray(np.minimum(z, CODES - 1 - z) / (CODES / 2))
 
 
 def merge_debevec(codes: NDArray[np.uint8], seconds: Array, curve: Curve) -> Image:
-    """Radiance (...) of codes (exposure, ...): the weighted mean of logarithms (Debevec1997, Eq. 6).
+    """Return the radiance (...) of codes (exposure, ...), the weighted mean of logarithms (Debevec1997, Eq. 6).
 
-    NaN where every weight is 0.
+    It is NaN where every weight is 0.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         g = np.log(np.asarray(curve.light))
@@ -87,6 +89,6 @@ def merge_debevec(codes: NDArray[np.uint8], seconds: Array, curve: Curve) -> Ima
 
 
 def _spread(codes: NDArray[np.uint8]) -> NDArray[np.intp]:
-    """Sites whose middle exposures cover all codes evenly."""
+    """Return the indices of sites whose median codes are spread evenly over all that occur."""
     order = np.argsort(np.sort(codes, axis=0)[len(codes) // 2], kind="stable")
     return np.asarray(order[np.linspace(0, len(order) - 1, min(SAMPLES, len(order))).round().astype(int)])

@@ -1,4 +1,4 @@
-"""The shots that a manifest lists, and their frames as brackets of counts."""
+"""The shots of a manifest, and their frames as brackets of counts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -18,20 +18,20 @@ from kinran.data.radiance import Image, Radiance
 from kinran.data.raw import RawFrame, is_raw, read_raw
 
 MISLABELLED = 0.10
-"""An exposure that is further than this, relative, from its calibrated time is another one: dials go by 26 %."""
+"""Relative difference from its calibrated time above which an exposure is mislabelled: a third stop is 26 %."""
 FULL = 65535
-"""Counts of white of a photograph."""
+"""Counts of a photograph's white."""
 APERTURE = 0.02
-"""Relative difference of ISO or aperture within a bracket that rounding in EXIF explains."""
+"""Largest relative difference of ISO or aperture within a bracket: rounding in EXIF explains it."""
 STRIP = 64
-"""Rows of a photograph that are decoded at a time, so that what is temporary stays small."""
+"""Rows of a photograph that are decoded at a time, to save memory."""
 SAME_KIND = {".jpeg": ".jpg", ".tiff": ".tif"}
-"""Suffixes of one kind of file."""
+"""Suffixes that mean the same kind of file."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A file, and its nominal shutter time (s); 0 for a photograph."""
+    """A file, and its nominal shutter time in seconds; 0 for a single photograph."""
 
     path: Path
     nominal_s: float
@@ -39,7 +39,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Taken:
-    """A shot that was taken; attributes as in the manifest."""
+    """A shot that was taken; attributes are those of the manifest."""
 
     shot: str
     kind: str
@@ -55,15 +55,18 @@ class Bracket:
 
     Attributes
     ----------
-    planes
-        (exposure, plane, y, x) uint16 counts of R, G1, G2, B of RAW frames, or of R, G, B of photographs; row 0 is
-        v = 0.
-    black
-        (exposure,) counts of darkness, as measured under the mask or as the file says.
-    nominal_s
-        (exposure,) float.
+    shot
+        The shot.
+    planes : (exposure, plane, y, x) uint16
+        Counts of R, G1, G2, B of RAW frames, or of R, G, B of photographs; row 0 is v = 0.
+    black : (exposure,) float
+        Black levels in counts, measured under the mask or stated by the file.
+    masked
+        Whether all frames have a masked border.
+    nominal_s : (exposure,) float
+        Nominal shutter times in seconds.
     white
-        Count of saturation as the file says.
+        Saturation level in counts that the file states.
     turns
         Quarter turns, counterclockwise, that bring the picture upright.
     frames
@@ -86,12 +89,12 @@ class Bracket:
 
 
 def read_manifest(path: Path, plan: Plan) -> list[Taken]:
-    """Shots of a group's manifest, in the order in which they were taken.
+    """Read the shots of a group's manifest, in its order.
 
     Raises
     ------
     InputError
-        It is missing, broken, or belongs to another plan.
+        The manifest is missing, broken, or belongs to another plan.
     """
     value = read_json(path)
     try:
@@ -121,8 +124,8 @@ def read_bracket(shot: Taken, decoder: Encoding | Curve | None = None, crop: Cro
     Raises
     ------
     InputError
-        A frame cannot be read, differs from the others in size, kind, ISO or aperture, has another shutter time than
-        it should, or an exposure stands twice.
+        A frame cannot be read, differs from the others in size, kind, ISO or aperture, or has another shutter time in
+        EXIF than in the manifest, or an exposure stands twice.
     """
     ordered = sorted(shot.frames, key=lambda frame: -frame.nominal_s)
     if not ordered:
@@ -159,7 +162,7 @@ def read_bracket(shot: Taken, decoder: Encoding | Curve | None = None, crop: Cro
 
 
 def _cut(raw: RawFrame, crop: Crop | None, path: Path) -> RawFrame:
-    """Part of a RAW frame, in superpixels."""
+    """Return a part of a RAW frame; the crop is in superpixels."""
     if crop is None:
         return raw
     height, width = raw.planes.shape[1:]
@@ -187,7 +190,7 @@ def _same(path: Path, raw: RawFrame, first_path: Path, first: RawFrame, shape: t
 
 
 def _photographs(shot: Taken, ordered: list[Frame], decoder: Encoding | Curve, crop: Crop | None) -> Bracket:
-    """Bracket of photographs as counts of linear light, of which white has `FULL`."""
+    """Read a bracket of photographs as counts of linear light, `FULL` for white."""
     planes = np.empty((0,), np.uint16)
     for k, frame in enumerate(ordered):
         codes = read_codes(frame.path, crop)
@@ -212,12 +215,12 @@ def _photographs(shot: Taken, ordered: list[Frame], decoder: Encoding | Curve, c
 
 
 def read_codes(path: Path, crop: Crop | None) -> Image:
-    """Values (y, x, 3) of a photograph as it has them, of which white is 1.
+    """Read the encoded values (y, x, 3) of a photograph, 1 for white.
 
     Raises
     ------
     InputError
-        It cannot be read, or holds what is no photograph of a bracket.
+        The file cannot be read, is an EXR, or has values that are not finite or over white.
     """
     if path.suffix.lower() == ".exr":
         raise InputError(f"{path}: is linear radiance already; give the photographs that it is made of")
@@ -230,12 +233,12 @@ def read_codes(path: Path, crop: Crop | None) -> Image:
 
 
 def check_kind(paths: Sequence[Path]) -> None:
-    """That the frames of a bracket are files of one kind.
+    """Check that the frames of a bracket are files of one kind.
 
     Raises
     ------
     InputError
-        One is not.
+        A frame is of another kind than the first.
     """
     kinds = [SAME_KIND.get(path.suffix.lower(), path.suffix.lower()) for path in paths]
     for path, kind in zip(paths, kinds, strict=True):
@@ -244,19 +247,34 @@ def check_kind(paths: Sequence[Path]) -> None:
 
 
 def site_black(bracket: Bracket, black: tuple[float, ...], masked: bool) -> NDArray[np.float64]:
-    """(exposure, plane) counts of darkness of each frame and site."""
+    """Return the black levels (exposure, plane) in counts of each frame and kind of site.
+
+    Parameters
+    ----------
+    bracket
+        The bracket.
+    black : (plane,)
+        Calibrated black levels, relative to the mean under the mask if `masked`.
+    masked
+        Whether the dark frames had a masked border.
+
+    Raises
+    ------
+    InputError
+        The dark frames had a masked border, and those of the bracket have none.
+    """
     if masked and not bracket.masked:
         raise InputError(f"shot '{bracket.shot.shot}': its frames have no masked border, but the dark ones had")
     return np.array(black) + (bracket.black[:, None] if masked else np.zeros((len(bracket.black), 1)))
 
 
 def light_of(bracket: Bracket, black: NDArray[np.float64], exposure: int) -> Image:
-    """(2, y, x) counts over black of the green sites of one exposure."""
+    """Return the counts over black (2, y, x) of the green sites of one exposure; `black` is that of `site_black`."""
     return bracket.planes[exposure, 1:3].astype(np.float32) - black[exposure, 1:3, None, None].astype(np.float32)
 
 
 def read_shot(shot: Taken, calibration: Calibration) -> Bracket:
-    """Read the frames of a shot as its calibration says; errors as of `read_bracket`."""
+    """Read the frames of a shot with encoding and crop of its calibration; errors as in `read_bracket`."""
     decoder: Encoding | Curve | None = None
     if calibration.encoding:
         decoder = Curve(calibration.curve) if calibration.curve else parse(calibration.encoding)
@@ -264,12 +282,12 @@ def read_shot(shot: Taken, calibration: Calibration) -> Bracket:
 
 
 def read_light(shot: Taken, calibration: Calibration) -> Radiance:
-    """Linear light (y, x, 3) of a shot that is one photograph.
+    """Read the linear light (y, x, 3) of a shot that is one photograph.
 
     Raises
     ------
     InputError
-        It cannot be read, or its size is not that of the others.
+        The photograph cannot be read, or its size is not that of the first one of the set.
     """
     if len(shot.frames) != 1:
         raise InputError(f"shot '{shot.shot}' has {len(shot.frames)} photographs; one is needed")

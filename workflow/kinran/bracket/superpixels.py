@@ -1,4 +1,4 @@
-"""Merged brackets at one sample a superpixel: R, the mean of both greens, B; never demosaiced."""
+"""Merged brackets at one sample per superpixel: R, the mean of both greens, B; never demosaiced."""
 
 from dataclasses import replace
 
@@ -17,41 +17,41 @@ Array = NDArray[np.float64]
 Sites = NDArray[np.intp]
 
 STRIP = 64
-"""Rows that are merged at a time, so that what is temporary stays small."""
+"""Rows that are merged at a time, to save memory."""
 FLICKER = 0.005
-"""How well lamp and shutter repeat from frame to frame, relative."""
+"""Prior standard deviation, relative, of lamp and shutter from frame to frame: a choice."""
 BLACK_ERROR = 0.05
-"""How well the darkness of a frame is known, in counts."""
+"""Standard deviation of a frame's black level in counts: a choice."""
 LEAST_SITES = 50
-"""Sites that are enough to tell the ratio of two exposures, if its noise is under a thirtieth."""
+"""Fewest sites for a measured ratio of two exposures, whose noise has to be under a thirtieth, too: a choice."""
 MOST_APART, MOST_APART_ENCODED = 0.05, 0.25
-"""More samples than this share whose exposures disagree: a frame has moved. Photographs know their noise less well."""
+"""Share of samples with disagreeing exposures (RAW, photographs) above which a frame has moved: a choice. The noise of
+photographs is known less well."""
 MOST_BELOW_BLACK = 1e-3
-"""Share of samples under darkness by five σ that is no accident: noise alone makes one of three million so."""
+"""Share of samples five σ under the black level above which that is wrong: noise alone gives one of three million."""
 OTHER_DEPTH = 1.03
-"""Counts over the calibrated saturation by this factor are of another ISO, bit depth or camera."""
+"""Factor over the calibrated saturation above which counts are of another ISO, bit depth or camera: a choice."""
 
 
 def merge_bracket(bracket: Bracket, camera: CalibratedCamera) -> Radiance:
-    """`merge_sites` without σ, which follows from the value and the noise model."""
+    """Merge a bracket as `merge_sites` does, without σ, which follows from the value and the noise model."""
     return _merge(bracket, camera, np.empty((STRIP, bracket.planes.shape[3], 3), np.float32))
 
 
 def merge_sites(bracket: Bracket, camera: CalibratedCamera) -> Radiance:
-    """Merge a bracket to one sample a superpixel (y, x, 3), in counts per second.
+    """Merge a bracket to one sample per superpixel (y, x, 3), in counts per second.
 
     Raises
     ------
     InputError
-        An exposure is not the one that its name says, a frame has moved, or darkness or saturation are not those of
-        the calibration.
+        An exposure is mislabelled, a frame has moved, or black level or saturation contradict the calibration.
     """
     sigma = np.empty((*bracket.planes.shape[2:], 3), np.float32)
     return replace(_merge(bracket, camera, sigma), sigma=sigma)
 
 
 def _merge(bracket: Bracket, camera: CalibratedCamera, sigma: Image) -> Radiance:
-    """Merge a bracket; σ goes to an array of all rows, or of those of a strip, where nobody wants it."""
+    """Merge a bracket; σ is written to an array of all rows, or of one strip's where it is not used."""
     black = site_black(bracket, camera.black, camera.masked)
     _check_depth(bracket, black, camera)
     seconds = shot_seconds(bracket, black, camera)
@@ -73,7 +73,7 @@ def _merge(bracket: Bracket, camera: CalibratedCamera, sigma: Image) -> Radiance
 
 
 def _hot_samples(bad: Sites, planes: int) -> Sites:
-    """Samples (n, 3) of y, x, channel that have no good site: R, B, and green where both are bad."""
+    """Return the samples (n, 3), as y, x, channel, without a good site: R, B, and green where both sites are bad."""
     green = bad[(bad[:, 0] > 0) & (bad[:, 0] < planes - 1)]
     places, count = np.unique(green[:, 1:], axis=0, return_counts=True)
     others = bad[(bad[:, 0] == 0) | (bad[:, 0] == planes - 1)]
@@ -83,7 +83,7 @@ def _hot_samples(bad: Sites, planes: int) -> Sites:
 
 
 def _take_other_green(sites: Merged, bad: Sites, first: int) -> None:
-    """Give bad greens of a Bayer sensor the other one's value, so that their mean is its value with its σ."""
+    """Replace a bad green site of a Bayer sensor by the other one, so that their mean has its value and its σ."""
     if len(sites.rate) != 4:
         return
     for plane in (1, 2):
@@ -96,12 +96,12 @@ def _take_other_green(sites: Merged, bad: Sites, first: int) -> None:
 
 @nb.njit(cache=True, error_model="numpy", fastmath={"nsz", "arcp", "contract", "reassoc"})  # type: ignore[untyped-decorator,unused-ignore]
 def _combine(site: Image, spread: Image, apart: Flags, rate: Image, sigma: Image, flags: Flags) -> tuple[int, int]:
-    """Sites (plane, y, x) to superpixels; one loop without branches, so that it vectorises.
+    """Combine sites (plane, y, x) to superpixels in one loop without branches, which vectorises.
 
     Returns
     -------
     below, moved : int
-        Samples that are under darkness by five σ, and whose exposures disagree.
+        Number of samples five σ under the black level, and of samples whose exposures disagree.
     """
     last = site.shape[0] - 1
     half, far = np.float32(0.5), np.float32(-5)
@@ -127,16 +127,22 @@ def _combine(site: Image, spread: Image, apart: Flags, rate: Image, sigma: Image
 
 @nb.njit(inline="always")  # type: ignore[untyped-decorator,unused-ignore]
 def _bits(value: np.float32, error: np.float32, apart: np.bool_) -> np.uint8:
-    """Flags of a sample."""
+    """Return the flags of a sample."""
     full = error == np.float32(np.inf)
     dark = (value < np.float32(DARK_SIGMA) * error) & (not full)
     return np.uint8(np.uint8(full) * SATURATED | np.uint8(dark) * DARK | np.uint8(apart) * SHIFTED)
 
 
 def shot_seconds(bracket: Bracket, black: Array, camera: CalibratedCamera) -> Array:
-    """(exposure, y) times of the frames of this shot, lamp and shutter as they were; their log mean is calibrated.
+    """Return the times (exposure, y) in seconds of a shot's frames, which absorb the flicker of lamp and shutter.
 
-    The calibrated ratio of two exposures is the prior, what this shot's pictures say the measurement.
+    The calibrated ratio of two exposures is the prior and the ratio of the shot's pictures the measurement, which
+    are combined by their variances. The geometric mean of the times stays that of the calibrated ones.
+
+    Raises
+    ------
+    InputError
+        A ratio is more than `MISLABELLED` from the calibrated one.
     """
     exposures = [camera.exposure(nominal) for nominal in bracket.nominal_s]
     calibrated = np.array([exposure.seconds for exposure in exposures])
@@ -157,9 +163,9 @@ def shot_seconds(bracket: Bracket, black: Array, camera: CalibratedCamera) -> Ar
 
 
 def mislabelled(bracket: Bracket, black: Array, longer: int, times: float) -> InputError:
-    """The error of an exposure that is so many times as bright beside the longer one as their times say.
+    """Return the error of an exposure that is `times` as bright, relative to the longer one, as their times say.
 
-    If the two agree in their histograms, though not site by site, the picture has moved.
+    Where the histograms of the two agree, though not their sites, it is the error of a picture that has moved.
     """
     expected = bracket.nominal_s[longer] / bracket.nominal_s[longer + 1]
     ranked = [np.sort(bracket.planes[k, 1].ravel()[::3]) - black[k, 1] for k in (longer, longer + 1)]
@@ -175,7 +181,7 @@ def mislabelled(bracket: Bracket, black: Array, longer: int, times: float) -> In
 
 
 def moved(bracket: Bracket, exposure: int, share: float | None = None) -> InputError:
-    """The error of a frame that does not agree with the others."""
+    """Return the error of a frame that disagrees with the others, in this share of the picture."""
     part = "" if share is None else f" in {share:.0%} of the picture"
     return InputError(
         f"{_file(bracket, exposure)}: does not agree with the other exposures{part}; something has moved:"
@@ -189,7 +195,7 @@ def _file(bracket: Bracket, exposure: int) -> str:
 
 
 def _check_depth(bracket: Bracket, black: Array, camera: CalibratedCamera) -> None:
-    """That counts end where the calibration says."""
+    """Check that counts end at the calibrated saturation."""
     planes, full = bracket.planes[0], camera.response.saturation
     top = float(planes.max()) - float(black[0].mean())
     piled = planes[:, ::4, ::4] >= planes.max() * 0.999
@@ -204,7 +210,7 @@ def _check_depth(bracket: Bracket, black: Array, camera: CalibratedCamera) -> No
 
 
 def _check(bracket: Bracket, black: Array, seconds: Array, below: float, apart: float) -> None:
-    """That no more than these shares of the samples are under darkness, and disagree."""
+    """Check the shares of samples under the black level, and of those whose exposures disagree."""
     if below > MOST_BELOW_BLACK:
         raise InputError(
             f"{_file(bracket, 0)}: {below:.1%} of its samples are darker than darkness ({black.mean():.1f} counts);"
@@ -215,7 +221,7 @@ def _check(bracket: Bracket, black: Array, seconds: Array, below: float, apart: 
 
 
 def _outlier(bracket: Bracket, black: Array, seconds: Array) -> int:
-    """The exposure that differs most from what its neighbours say, on the green sites."""
+    """Return the exposure that differs most from the median of all, on the green sites."""
     rates = (bracket.planes[:, 1] - black[:, 1, None, None]) / seconds[:, :, None]
     lit = bracket.planes[:, 1] < 0.9 * bracket.planes.max()
     some = lit.any(0)
@@ -229,7 +235,7 @@ def _outlier(bracket: Bracket, black: Array, seconds: Array) -> int:
 
 @nb.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _fill(rate: Image, flags: Flags, hot: Sites) -> None:
-    """Give hot samples (n, 3) the mean of their good neighbours; the flag stays."""
+    """Replace hot samples (n, 3) by the mean of their good neighbours; the flag stays."""
     height, width, _ = rate.shape
     for k in range(len(hot)):
         y, x, c = hot[k]

@@ -1,4 +1,4 @@
-"""A camera as its brackets alone describe it, where nobody has shot a calibration."""
+"""The description of a camera from its brackets alone, without calibration shots."""
 
 import logging
 import math
@@ -24,37 +24,37 @@ Array = NDArray[np.float64]
 log = logging.getLogger(__name__)
 
 PILED = 2e-4
-"""Share of sites at one count that shows that they are full."""
+"""Share of sites at nearly one count that shows that they are full: a choice."""
 LEAST_PILED = 100
-"""Sites at one count without which nothing is said of saturation."""
+"""Fewest sites at nearly one count from which saturation is measured: a choice."""
 WARNED = 0.02
-"""A measured time that is further than this, relative, from what its name means is told to the user."""
+"""Relative difference of a measured time from its third stop above which the user is warned: a choice."""
 LEAST_SITES = 200
-"""Pixels, well exposed twice, that are enough to try an encoding on."""
+"""Fewest pixels, well exposed twice, on which an encoding is tried: a choice."""
 MOST_PIXELS, STRIP = 1_000_000, 32
-"""Pixels that are enough to tell an encoding, and rows of a strip of them."""
+"""Number of pixels on which an encoding is tried, at most about, and rows of a strip of them."""
 LEAST_CODE = 8 / 255
-"""Codes under this are mostly rounding in 8 bits, and say nothing of an encoding."""
+"""Least code that an encoding is tried on: lower ones are mostly rounding in 8 bits."""
 STEADY_LAMP = 0.04
-"""Logarithm by which lamp and shutter may change the ratio of two exposures."""
+"""Change of the logarithm of an exposure ratio that lamp and shutter explain: a choice."""
 UNSTEADY = 0.05
-"""An encoding under which the ratio of two exposures varies more with the level is not that of the photographs."""
+"""Unsteadiness above which an encoding is not that of the photographs: a choice."""
 RECOVERED = "recovered"
-"""Name of an encoding that no formula has: the response that the bracket itself shows."""
+"""Name of the encoding without a formula: the response curve that is recovered from the bracket."""
 
 
 def describe(brackets: Sequence[Bracket]) -> CalibratedCamera:
-    """Saturation, noise and shutter times of a camera from brackets of still scenes.
+    """Measure saturation, noise and shutter times of a camera on brackets of still scenes.
 
     Parameters
     ----------
     brackets
-        All with the same exposures.
+        Brackets with the same exposures.
 
     Raises
     ------
     InputError
-        An exposure is not the one that its name says.
+        An exposure is mislabelled, or something has moved.
     """
     first = brackets[0]
     planes = first.planes.shape[1]
@@ -82,9 +82,9 @@ def describe(brackets: Sequence[Bracket]) -> CalibratedCamera:
 
 
 def saturation_of(brackets: Sequence[Bracket]) -> float:
-    """Counts over black where sites pile up, or what the file states if none do.
+    """Return the saturation in counts over black: where sites pile up, or the file's where none do.
 
-    The stated level is often wrong: files of 12 bits in 16, sensors that are full before the converter is.
+    The file's level is often wrong: files of 12 bits in 16, sensors that are full before the converter is.
     """
     first = brackets[0]
     black = float(first.black.mean())
@@ -98,7 +98,7 @@ def saturation_of(brackets: Sequence[Bracket]) -> float:
 
 
 def _pile(counts: NDArray[np.uint16]) -> tuple[int, int]:
-    """Highest count, but for one site in 100,000, and the count from which on sites pile up under it; 0 if none do."""
+    """Return the highest count but for one site in 100,000, and the count from which sites pile up; 0 if none do."""
     histogram = np.bincount(counts.ravel(), minlength=2)
     from_top = np.cumsum(histogram[::-1])
     top = len(histogram) - 1 - int(np.argmax(from_top > 1e-5 * counts.size))
@@ -113,25 +113,25 @@ def _pile(counts: NDArray[np.uint16]) -> tuple[int, int]:
 def decoder_of(
     name: str, paths: Sequence[Path], seconds: Sequence[float], crop: Crop | None, doubted: bool = False
 ) -> tuple[str, Encoding | Curve]:
-    """What makes photographs linear: by name, or as their bracket tells.
+    """Return name and decoder of the encoding of photographs, by its name or from their bracket.
 
     Parameters
     ----------
     name
-        ``srgb``, ``linear``, ``gamma:EXPONENT``, ``recovered`` (Debevec and Malik's response), or empty for the
-        one of linear and sRGB under which the ratios of the exposures do not depend on the level, else ``recovered``.
-        Where no pixel tells: sRGB for 8 bits, linear for more.
+        ``srgb``, ``linear``, ``gamma:EXPONENT``, ``recovered`` (response curve of Debevec1997), or empty for the one
+        of linear and sRGB under which exposure ratios do not depend on the level, else ``recovered``. Without usable
+        pixels it is sRGB for 8 bits, linear for more.
     paths, seconds
-        Files and nominal times of one bracket.
+        Files and nominal times in seconds of one bracket.
     crop
-        Part to use.
+        Part to use; None for all.
     doubted
-        Whether a name gives way where the bracket contradicts it.
+        Whether a given name is replaced where the bracket contradicts it.
 
     Raises
     ------
     InputError
-        Nothing makes them linear.
+        No encoding makes the bracket consistent, or the frames differ in kind, size or depth.
     """
     check_kind(paths)
     if name not in ("", RECOVERED) and not doubted:
@@ -161,7 +161,7 @@ def decoder_of(
 
 
 def _some_codes(paths: Sequence[Path], crop: Crop | None) -> NDArray[np.float32]:
-    """Codes (exposure, y, x, 3) of strips of all frames, so that not all of their pixels are in memory."""
+    """Read the codes (exposure, y, x, 3) of strips of all frames, to save memory."""
     parts: list[NDArray[np.float32]] = []
     shape: tuple[int, ...] = ()
     for path in paths:
@@ -178,7 +178,7 @@ def _some_codes(paths: Sequence[Path], crop: Crop | None) -> NDArray[np.float32]
 
 
 def _eight_bits(codes: NDArray[np.float32], paths: Sequence[Path]) -> bool:
-    """Whether photographs have 8 bits; frames of black and white alone do not tell."""
+    """Return whether photographs have 8 bits; frames of black and white alone are ignored."""
     telling = [k for k, code in enumerate(codes) if ((code > 0) & (code < 1)).any()]
     eight = [bool(np.allclose(codes[k] * 255, np.round(codes[k] * 255), atol=1e-3)) for k in telling]
     for k, one in zip(telling, eight, strict=True):
@@ -191,29 +191,30 @@ def _eight_bits(codes: NDArray[np.float32], paths: Sequence[Path]) -> bool:
 
 
 def unsteadiness(codes: NDArray[np.float32], decoder: Encoding | Curve, seconds: Array) -> float:
-    """How much the ratio of neighbouring exposures (rms of its logarithm) varies with the level of green.
+    """Return how much exposure ratios vary with the level of green: the rms of their logarithms' spread.
 
-    What it is off altogether, over what lamps and shutters do, adds to that: another gamma keeps ratios even.
+    A ratio's mean error beyond `STEADY_LAMP` adds to it, since a wrong gamma can keep ratios even.
 
     Parameters
     ----------
     codes : (exposure, y, x, 3) float32
         Encoded values in [0, 1], longest exposure first.
     decoder
-        Encoding or curve that is tried on them.
+        Encoding or curve that is tried.
     seconds : (exposure,) float
+        Nominal times in seconds.
 
     Returns
     -------
     float
-        NaN where too few pixels are well exposed twice.
+        Unsteadiness; NaN where too few pixels are well exposed twice.
     """
     spread = []
     for k in range(len(codes) - 1):
         longer, shorter = codes[k, ..., 1], codes[k + 1, ..., 1]
         clean = guarded((longer * FULL).astype(np.uint16), 0.97 * CLIPPED * FULL) > 0
         a, b = decoder.decode(longer), decoder.decode(shorter)
-        # by the longer one alone: who chooses among noisy counts by themselves finds them too bright
+        # chosen by the longer one alone: a choice by noisy counts themselves would bias them
         lit = a * np.float32(seconds[k + 1] / seconds[k]) > float(decoder.decode(LEAST_CODE))
         use = clean & lit & (longer > 1.5 * LEAST_CODE)
         if use.sum() < LEAST_SITES:

@@ -1,8 +1,8 @@
 """Calibrate the camera, the lamp and the colours of a capture.
 
-From the shots of the group ``calibration`` (a covered lens, a white plate at θ = 0, a colour chart at 45°)
-and from the repeats of θ = 0 in the manifests that are given. Every value is checked for plausibility: what
-is wrong here is wrong in everything that follows. Photographs need no more than their encoding.
+The calibration is made from the shots of the group ``calibration`` (a covered lens, a white plate at θ = 0, a colour
+chart at 45°) and from the repeats of θ = 0 in the given manifests. Every value is checked for plausibility, since an
+error here affects all that follows. Photographs need no more than their encoding.
 """
 
 import logging
@@ -47,7 +47,7 @@ from kinran.data.raw import camera_matrix, is_raw
 Array = NDArray[np.float64]
 
 MOST_BRACKETS = 8
-"""Brackets, spread over the set, that are asked what their camera is like."""
+"""Brackets, spread over the set, on which their camera is measured: a choice."""
 
 log = logging.getLogger(__name__)
 
@@ -95,12 +95,12 @@ def main(
 
 
 def calibrate_photographs(plan: Plan, shots: Sequence[Taken]) -> Calibration:
-    """Calibration of photographs: their size, and linear Rec. 709 for their colours.
+    """Return the calibration of photographs: their size, and linear Rec. 709 for their colours.
 
     Raises
     ------
     InputError
-        The first one cannot be read.
+        The first photograph cannot be read.
     """
     if not shots or not shots[0].frames:
         raise InputError(f"plan of {plan.fabric}: no photograph is listed; ingest the folder again")
@@ -122,15 +122,15 @@ def calibrate_photographs(plan: Plan, shots: Sequence[Taken]) -> Calibration:
 
 
 def calibrate_brackets(plan: Plan, shots: Sequence[Taken]) -> Calibration:
-    """Calibration of brackets without calibration shots, by what up to eight of them say of their camera.
+    """Return the calibration of brackets without calibration shots, measured on up to eight of them.
 
-    1 in the stack is white at the longest exposure. Photographs whose bracket contradicts their encoding get what
-    the bracket says; RAW frames the colours that their camera's maker states, under daylight.
+    1 in the stack is white at the longest exposure. Photographs whose bracket contradicts their encoding get the
+    encoding of the bracket; RAW frames get the colours that the camera's maker states for daylight.
 
     Raises
     ------
     InputError
-        A frame cannot be read, or an exposure is not the one that its name says.
+        A frame cannot be read, or an exposure is mislabelled.
     """
     if not shots or not shots[0].frames:
         raise InputError(f"plan of {plan.fabric}: no photograph is listed; ingest the folder again")
@@ -169,14 +169,14 @@ def calibrate_brackets(plan: Plan, shots: Sequence[Taken]) -> Calibration:
 
 
 def calibrate(plan: Plan, shots: Sequence[Taken], corners: str = "", lamp: str = "") -> Calibration:
-    """Calibration of a RAW camera.
+    """Return the calibration of a RAW camera.
 
     Parameters
     ----------
     plan, shots
-        Plan and shots of the capture; a dark, a chart and at least one white shot are among them.
+        Plan and shots of the capture, among them a dark, a chart and at least one white shot.
     corners
-        Corners of the chart, as `parse_corners` takes them; empty to find it.
+        Corners of the chart, as `parse_corners` takes them; empty to detect it.
     lamp
         Name of the lamp on the chart, as `references` takes it; empty for the published colours.
 
@@ -226,7 +226,7 @@ def calibrate(plan: Plan, shots: Sequence[Taken], corners: str = "", lamp: str =
 
 
 def _measure_camera(dark: Bracket, white: Bracket, lit: Sequence[Bracket]) -> CalibratedCamera:
-    """Darkness, saturation, noise, shutter times and bad sites."""
+    """Measure black level, saturation, noise, shutter times and bad sites."""
     black, read, hot = measure_dark(dark)
     saturation = measure_saturation(white, black)
     gain, prnu = photon_transfer(white, site_black(white, black, dark.masked), saturation, read)
@@ -243,13 +243,13 @@ def _measure_camera(dark: Bracket, white: Bracket, lit: Sequence[Bracket]) -> Ca
 
 
 def _pose(plan: Plan, bracket: Bracket) -> tuple[float, float]:
-    """(θ, φ) in degrees of a shot."""
+    """Return (θ, φ) of a shot in degrees."""
     shot = next(shot for group in plan.groups for shot in group.shots if shot.shot == bracket.shot.shot)
     return shot.theta, shot.phi
 
 
 def _falloff(plan: Plan, theta: float, phi: float, height: int, width: int) -> Image:
-    """Irradiance (y, x, 1) relative to the middle; 1 where the lamp's distance is not known."""
+    """Return the irradiance (y, x, 1) relative to the middle; 1 where the lamp's distance is unknown."""
     if plan.lamp_mm is None or plan.field_mm is None:
         return np.ones((height, width, 1), np.float32)
     x, y, z = plan.lamp_mm * direction(math.radians(theta), math.radians(phi))
@@ -264,7 +264,7 @@ def _only(shots: Sequence[Taken], kind: str) -> Taken:
 
 
 def _plate(plan: Plan, bracket: Bracket, camera: CalibratedCamera) -> tuple[Flat, tuple[float, float, float]]:
-    """Flat field of a white plate, and its counts a second without it, over the middle half."""
+    """Return the flat field of a white plate, and R, G, B in counts a second, corrected by it, over the middle half."""
     plate = merge_bracket(bracket, camera)
     height, width = plate.value.shape[:2]
     middle = np.s_[height // 4 : height - height // 4, width // 4 : width - width // 4]
@@ -286,7 +286,7 @@ def _plate(plan: Plan, bracket: Bracket, camera: CalibratedCamera) -> tuple[Flat
 
 
 def _monitor(monitors: Sequence[Bracket], white: Bracket, camera: CalibratedCamera) -> float | None:
-    """Level of the monitors under the lamp that lit the white plate."""
+    """Return the median level of the monitors in counts a second under the lamp as it lit the white plate."""
     levels = []
     for bracket in monitors:
         reading = bracket.shot.photodiode

@@ -1,4 +1,4 @@
-"""Colours from the picture of a chart: where it lies, which patches can be used, and the matrix that they give."""
+"""Colours from the picture of a chart: its place, the patches that can be used, and the matrix fitted to them."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -16,15 +16,15 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MOST_DELTA_E = 6.0
-"""A median ΔE00 over this is that of no chart: real patches in three narrow bands of light have 5.1 on average
-(``kinran bench merge --data``)."""
+"""Median leave-one-out ΔE00 above which a picture shows no chart: real patches in three narrow bands of light have 5.1
+on average (``kinran bench merge --data``)."""
 LEAST_PATCHES = 15
-"""Patches that are enough for a fit: over twice the six terms of a root polynomial."""
+"""Fewest patches for a fit: over twice the six terms of a root polynomial."""
 ROOT_GAIN, LEAST_GAIN = 0.9, 0.1
-"""Root polynomials are taken where their leave-one-out ΔE00 is under this share of the matrix's, and lower by this."""
+"""Share of the matrix's leave-one-out ΔE00, and difference to it, under which a root polynomial is used: a choice."""
 
 TURNS = 4
-"""Turns of fitting the matrix and finding the white that it needs."""
+"""Iterations of fitting the matrix and the white balance in turn: a choice."""
 
 
 class Found(NamedTuple):
@@ -33,11 +33,11 @@ class Found(NamedTuple):
     Attributes
     ----------
     colours : (24, 3) float
-        Mean of each patch.
+        Mean RGB of each patch.
     seen : (24,) bool
-        Patches that are in the picture and neither saturated nor on a defect.
+        Whether each patch is in the picture and neither saturated nor on a defect.
     error
-        Median ΔE00 of the patches, each left out of the fitted matrix in turn; infinite where too few are seen.
+        Median leave-one-out ΔE00 of the patches under the fitted matrix; infinite where too few are seen.
     place
         Corners of the chart in the picture.
     """
@@ -50,7 +50,7 @@ class Found(NamedTuple):
 
 @dataclass(frozen=True)
 class Chart:
-    """What a colour chart says; attributes as `Calibration` has them, and the glare as `CalibratedCamera` does."""
+    """Result of a colour chart; attributes are those of `Calibration`, and the glare of `CalibratedCamera`."""
 
     matrix: Array
     chart: tuple[Patch, ...]
@@ -59,28 +59,28 @@ class Chart:
 
     @property
     def patches(self) -> tuple[int, ...]:
-        """Which patches are used."""
+        """Indices of the patches that are used."""
         return tuple(k for k, patch in enumerate(self.chart) if not patch.left_out)
 
     @property
     def delta_e(self) -> tuple[float, ...]:
-        """Their ΔE00, each left out of the matrix in turn."""
+        """Leave-one-out ΔE00 of the patches that are used, under the matrix."""
         return tuple(self.chart[k].delta_e for k in self.patches)
 
 
 def fit_colours(picture: Radiance, shot: str, corners: str = "", lamp: str = "", greys: bool = False) -> Chart:
-    """Colours of a chart.
+    """Fit the colours of a chart.
 
     Parameters
     ----------
     picture : (y, x, 3)
-        The chart, in light relative to white; on any scale where `greys`.
+        Picture of the chart, in light relative to white; on any scale where `greys`.
     shot
-        Name of the shot, for an error.
+        Name of the shot, for the error.
     corners, lamp
         Corners and lamp, as `parse_corners` and `references` take them.
     greys
-        Whether the chart's own grey patches are the white.
+        Whether the chart's grey patches define white.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def fit_colours(picture: Radiance, shot: str, corners: str = "", lamp: str = "",
 
 
 def _greys_as_white(colours: Array, reference: Array, seen: Mask) -> Array:
-    """(3,) balance under which the grey patches are neutral, but for their tint as this camera sees it."""
+    """Return the white balance (3,) that makes the grey patches neutral but for their own tint in this camera."""
     balance = _grey_balance(colours, reference, seen)
     for _ in range(TURNS):
         matrix = colour_chart.fit_matrix((colours * balance)[seen], reference[seen])
@@ -129,14 +129,14 @@ def _greys_as_white(colours: Array, reference: Array, seen: Mask) -> Array:
 
 
 def _grey_balance(colours: Array, expected: Array, seen: Mask) -> Array:
-    """(3,) what brings the grey patches that are seen to what is expected of them; 1 of green."""
+    """Return the factors (3,), relative to green, that scale the grey patches that are seen to the `expected` ones."""
     grey = seen & (np.arange(len(seen)) >= colour_chart.GREYS.start)
     level = (colours[grey] * expected[grey]).sum(0) / np.maximum((colours[grey] ** 2).sum(0), 1e-12)
     return np.asarray(level / level[1]) if grey.any() else np.ones(3)
 
 
 def _reasons(picture: Radiance, place: chart_place.Place, seen: Mask, used: Mask) -> list[str]:
-    """Why each patch is left out; empty where it is used."""
+    """Return why each patch is left out; empty where it is used."""
 
     def free_of(bits: int) -> Mask:
         return chart_place.patches(picture.value, ~picture.texels_with(bits), place)[1]
@@ -147,9 +147,9 @@ def _reasons(picture: Radiance, place: chart_place.Place, seen: Mask, used: Mask
 
 
 def find_chart(picture: Radiance, reference: Array, corners: str, greys: bool = False) -> Found:
-    """Find a chart, and the way up that fits best.
+    """Find a chart, and the orientation that fits best.
 
-    It lies where its corners say; else it is looked for as if it filled the picture, else where the detector sees it.
+    Without corners, the chart is tried as one that fills the picture, then where the detector finds one.
     """
     height, width = picture.value.shape[:2]
     place = chart_place.parse_corners(corners, height) if corners else chart_place.whole(height, width)

@@ -1,4 +1,4 @@
-"""Colours of a set of photographs from one of a colour chart, taken as they are and under the same light."""
+"""Colours of a set of photographs, from a photograph of a colour chart with the same settings and light."""
 
 import math
 from dataclasses import replace
@@ -15,11 +15,11 @@ from kinran.data.radiance import SATURATED, Radiance
 from kinran.data.raw import is_raw, read_raw
 
 LARGEST = 1200
-"""Pixels along the longer side of the picture in which a chart is looked for: the detector's time grows with them."""
+"""Most pixels along the longer side of the picture of a chart: the detector's time grows with them."""
 
 
 def calibrate_colours(calibration: Calibration, path: Path, corners: str, lamp: str) -> Calibration:
-    """The calibration of photographs, with the colours that a chart says; white is that of its grey patches.
+    """Return the calibration of photographs with the colours of a chart, whose grey patches define white.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def calibrate_colours(calibration: Calibration, path: Path, corners: str, lamp: 
     path
         Photograph of the chart.
     corners
-        Corners as `parse_corners` takes them, in its pixels (of RAW: superpixels); empty to find it.
+        Corners as `parse_corners` takes them, in pixels of the photograph (of RAW: superpixels); empty to detect it.
     lamp
         Name of the lamp on the chart, as `references` takes it; empty for the published colours.
 
@@ -53,7 +53,7 @@ def calibrate_colours(calibration: Calibration, path: Path, corners: str, lamp: 
 
 
 def _read(path: Path, calibration: Calibration) -> Radiance:
-    """Light (y, x, 3) in the stack's RGB but for its scale, row 0 at the bottom."""
+    """Read light (y, x, 3) in the stack's RGB, on any scale; row 0 is the bottom."""
     if is_raw(path):
         raw = read_raw(path)
         sites = raw.planes.astype(np.float32) - np.float32(raw.black)
@@ -70,7 +70,7 @@ def _read(path: Path, calibration: Calibration) -> Radiance:
 
 
 def _smaller(picture: Radiance, step: int) -> Radiance:
-    """Means of blocks from the top left, flagged where one of their pixels is."""
+    """Return the means of blocks from the top left, flagged where one of their pixels is."""
     height, width = (side // step * step for side in picture.value.shape[:2])
     blocks = (height // step, step, width // step, step, 3)
     whole = picture[len(picture.value) - height :, :width]
@@ -79,7 +79,7 @@ def _smaller(picture: Radiance, step: int) -> Radiance:
 
 
 def _over(corners: str, step: int) -> str:
-    """Corners in blocks; as they are where they are no numbers, which `parse_corners` will say."""
+    """Return corners in units of blocks; unchanged where they are not numbers, which `parse_corners` refuses."""
     try:
         return ",".join(f"{float(word) / step:.6f}" for word in corners.split(",")) if corners else ""
     except ValueError:

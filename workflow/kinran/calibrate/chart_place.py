@@ -1,4 +1,4 @@
-"""Where a colour chart lies in a picture, and which way up: four corners, and what fits its colours."""
+"""The place of a colour chart in a picture: its corners, in four orientations, and the colours of its patches."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,47 +13,47 @@ Image = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 LEAST_PIXELS = 1
-"""A patch with fewer pixels in its middle takes those that are nearest to it."""
+"""Fewest pixels in the middle of a patch; with fewer, the nearest ones are used."""
 DISPLAY = 2.2
-"""Gamma under which the detector is shown a picture: it was made for photographs."""
+"""Gamma of the picture for the detector, which was made for photographs."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """Corners of a chart.
+    """Place of a chart in a picture.
 
     Attributes
     ----------
     corners : (4, 2)
-        x, y in pixels from the bottom left of the picture: of the corner at the first patch (dark skin), then on along
-        its row, and around the chart.
+        x, y in pixels from the bottom left of the picture: the corner at the first patch (dark skin), then on along its
+        row and around the chart.
     """
 
     corners: tuple[tuple[float, float], ...]
 
     def turned(self, quarters: int) -> "Place":
-        """The same corners, of which the one after `quarters` others is the first."""
+        """Return the place turned by quarters: corner `quarters` becomes the first."""
         return Place((*self.corners[quarters:], *self.corners[:quarters]))
 
     @property
     def mirrored(self) -> bool:
-        """Whether the corners go around in the other sense than those of a chart do."""
+        """Whether the corners go around in the opposite sense to those of a chart."""
         (ax, ay), (bx, by), (cx, cy), _ = self.corners
         return (bx - ax) * (cy - by) - (by - ay) * (cx - bx) > 0
 
 
 def whole(height: int, width: int) -> Place:
-    """A chart that fills the picture, dark skin at the top left."""
+    """Return the place of a chart that fills the picture, dark skin at the top left."""
     return Place(((0.0, height), (width, height), (width, 0.0), (0.0, 0.0)))
 
 
 def parse_corners(text: str, height: int) -> Place:
-    """Place of ``x,y,x,y,x,y,x,y`` in pixels from the top left: dark skin's corner, then around along its row.
+    """Parse a place ``x,y,x,y,x,y,x,y`` in pixels from the top left: dark skin's corner, then around along its row.
 
     Raises
     ------
     InputError
-        The text is not eight numbers, or they make no quadrilateral.
+        The text is not eight numbers, or they are not a convex quadrilateral.
     """
     try:
         values = [float(word) for word in text.split(",")]
@@ -73,7 +73,10 @@ def parse_corners(text: str, height: int) -> Place:
 
 
 def find(image: Image) -> Place | None:
-    """Where OpenCV's detector sees a 24-patch chart (y, x, 3; row 0 at the bottom), which way up it may be."""
+    """Find a 24-patch chart in an image (y, x, 3; row 0 at the bottom) by OpenCV's detector, in any orientation.
+
+    The result is None where there is none.
+    """
     import cv2
 
     scale = max(1, round(1000 / max(image.shape[:2])))
@@ -89,21 +92,23 @@ def find(image: Image) -> Place | None:
 
 
 def patches(image: Image, usable: NDArray[np.bool_], place: Place) -> tuple[Array, NDArray[np.bool_]]:
-    """Mean colours of the patches of a chart.
+    """Return the mean colours of the patches of a chart.
 
     Parameters
     ----------
     image : (y, x, 3) float32
-        Row 0 is the bottom.
+        Picture; row 0 is the bottom.
     usable : (y, x) bool
+        Pixels that can be used.
     place
         Place of the chart.
 
     Returns
     -------
     colours : (24, 3) float
+        Mean colour of the middle of each patch.
     seen : (24,) bool
-        Patches all of whose middle is in the picture and usable.
+        Whether the whole middle of each patch is in the picture and usable.
     """
     height, width = usable.shape
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
@@ -127,7 +132,7 @@ def patches(image: Image, usable: NDArray[np.bool_], place: Place) -> tuple[Arra
 
 
 def _homography(source: Array, target: Array) -> Array:
-    """(3, 3) map of four points to four others (Hartley2004, Eq. 4.1)."""
+    """Return the homography (3, 3) that maps four points (4, 2) to four others (Hartley2004, Eq. 4.1)."""
     rows: list[Sequence[float]] = []
     for (x, y), (u, v) in zip(source, target, strict=True):
         rows.append([x, y, 1, 0, 0, 0, -u * x, -u * y, -u])

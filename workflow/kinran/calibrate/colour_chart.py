@@ -11,9 +11,9 @@ from kinran.base.files import InputError
 Array = NDArray[np.float64]
 
 ROWS, COLUMNS = 4, 6
-"""Patches of the chart."""
+"""Rows and columns of the chart's patches."""
 INSIDE = 0.4
-"""Share of a patch's cell, along each side, that is measured."""
+"""Share of a patch's cell, along each side, that is measured: a choice that keeps clear of the patch's border."""
 
 REC709_TO_ACESCG = np.array(
     [
@@ -22,7 +22,7 @@ REC709_TO_ACESCG = np.array(
         [0.02058766, 0.10957457, 0.86978540],
     ]
 )
-"""Linear Rec. 709 (D65) to ACEScg (AP1, ACES white), adapted by Bradford."""
+"""Linear Rec. 709 (D65) to ACEScg (AP1, ACES white), with Bradford's adaptation."""
 
 
 PATCHES = [
@@ -51,24 +51,24 @@ PATCHES = [
     "neutral 3.5",
     "black",
 ]
-"""Row by row."""
+"""Names of the patches, row by row."""
 LAMPS = {"xenon": "Kinoton 75P"}
-"""Light sources of colour-science that go by another name here: a xenon projector, as it was measured."""
+"""Light sources of colour-science by their name here: the measured spectrum of a xenon projector."""
 GREYS = slice(18, 24)
-"""The patches from white to black."""
+"""Grey patches, from white to black."""
 MOST_EXCLUDED = 3
-"""Most patches that are left out because the others contradict them."""
+"""Most patches that are left out as outliers: a choice."""
 
 
 def references(lamp: str = "") -> Array:
-    """(24, 3) linear ACEScg of the patches under a white of 1, row by row from dark skin.
+    """Return the reference colours (24, 3) of the patches, row by row from dark skin: linear ACEScg, white is 1.
 
     Parameters
     ----------
     lamp
         Empty for the published colours (CIE xyY of the ColorChecker after November 2014 under D50, adapted by
-        Bradford); ``xenon``, or a light source of colour-science (``D65``, ``A``, …), for the patches' spectra under
-        the lamp's, relative to what a perfect white reflects.
+        Bradford); ``xenon`` or a light source of colour-science (``D65``, ``A``, …) for the colours of the patches'
+        reflectance spectra under the lamp's spectrum, relative to a perfect white.
 
     Raises
     ------
@@ -95,9 +95,9 @@ def references(lamp: str = "") -> Array:
 
 
 def expand(rgb: Array, degree: int) -> Array:
-    """Terms (n, 3) of degree 1, or (n, 6) of degree 2: r, g, b, √(rg), √(gb), √(rb) (Finlayson2015, Eq. 6).
+    """Return the terms (n, 3) of degree 1, or (n, 6) of degree 2: r, g, b, √(rg), √(gb), √(rb) (Finlayson2015, Eq. 6).
 
-    All are of first order in the light, so that a colour does not depend on the exposure.
+    All are of first order in light, so that colours do not depend on the exposure.
     """
     if degree == 1:
         return np.asarray(rgb, float)
@@ -107,20 +107,21 @@ def expand(rgb: Array, degree: int) -> Array:
 
 
 def apply(matrix: Array, rgb: Array) -> Array:
-    """Reference colours (..., 3) of camera RGB by a matrix (3, 3) or (3, 6)."""
+    """Return the colours (..., 3) of camera RGB (..., 3) under a matrix (3, 3) or a root polynomial (3, 6)."""
     return expand(rgb, 1 if matrix.shape[1] == 3 else 2) @ matrix.T
 
 
 def fit_matrix(camera: Array, reference: Array, degree: int = 1) -> Array:
-    """Matrix (3, 3) or (3, 6) of least squares from camera RGB to reference RGB that keeps white, (1, 1, 1).
+    """Fit a matrix (3, 3) or (3, 6) from camera RGB to reference RGB by least squares that keeps white, (1, 1, 1).
 
     Parameters
     ----------
     camera : (n, 3) float
         Colours relative to the white plate, on any common scale.
     reference : (n, 3) float
+        Reference colours.
     degree
-        2 for root polynomials.
+        1 for a matrix, 2 for a root polynomial.
     """
     scaled = expand(scale(camera, reference) * camera, degree)
     # rows sum to 1: fit what the differences to the third channel explain
@@ -131,12 +132,12 @@ def fit_matrix(camera: Array, reference: Array, degree: int = 1) -> Array:
 
 
 def leave_one_out(camera: Array, reference: Array, degree: int = 1) -> Array:
-    """(n,) ΔE00 of each patch under the matrix that was fitted to the others."""
+    """Return the leave-one-out ΔE00 (n,) of each patch: under the matrix fitted to all others."""
     return held_out_errors(camera, reference, np.ones(len(camera), bool), degree)
 
 
 def held_out_errors(camera: Array, reference: Array, used: NDArray[np.bool_], degree: int) -> Array:
-    """(n,) ΔE00 of each patch under the matrix that was fitted to the other ones that are `used`."""
+    """Return the leave-one-out ΔE00 (n,) of each patch: under the matrix fitted to the others that are `used`."""
     predicted, level = np.empty_like(reference), scale(camera[used], reference[used])
     for k in range(len(camera)):
         others = used & (np.arange(len(camera)) != k)
@@ -145,9 +146,10 @@ def held_out_errors(camera: Array, reference: Array, used: NDArray[np.bool_], de
 
 
 def outliers(camera: Array, reference: Array) -> NDArray[np.bool_]:
-    """(n,) patches, three at most, that the others contradict: a highlight lies on them, or dirt.
+    """Return which patches (n,), three at most, are outliers, such as under a highlight or dirt.
 
-    One after the other, the worst of all: as long as it is over ΔE00 5 and over four times the median.
+    The patch with the largest leave-one-out ΔE00 is removed as long as that is over 5 and over four times the median:
+    a choice.
     """
     out = np.zeros(len(camera), bool)
     for _ in range(MOST_EXCLUDED):
@@ -161,7 +163,7 @@ def outliers(camera: Array, reference: Array) -> NDArray[np.bool_]:
 
 
 def delta_e(a: Array, b: Array) -> Array:
-    """ΔE00 (CIE 2000) of linear ACEScg colours (n, 3), under their own white."""
+    """Return ΔE00 (n,), CIE 2000, between linear ACEScg colours (n, 3), relative to ACEScg's white."""
     colour = _colour()
     space = colour.RGB_COLOURSPACES["ACEScg"]
     lab = []
@@ -172,7 +174,7 @@ def delta_e(a: Array, b: Array) -> Array:
 
 
 def scale(camera: Array, reference: Array) -> float:
-    """What brings the camera's neutral patches to the level of the published ones."""
+    """Return the factor that scales the camera's neutral patches (n, 3) to the reference ones."""
     grey = reference.mean(1)
     neutral = np.abs(reference - grey[:, None]).max(1) < 0.1 * grey
     if not neutral.any():
@@ -181,7 +183,7 @@ def scale(camera: Array, reference: Array) -> float:
 
 
 def _colour() -> Any:
-    """colour-science, without its remark that there is no matplotlib."""
+    """Import colour-science without its warning that matplotlib is missing."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         import colour

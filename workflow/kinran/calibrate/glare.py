@@ -1,4 +1,4 @@
-"""Veiling glare: the share of a picture's light that lens and camera spread over all of it."""
+"""Veiling glare: the share of a picture's mean light that lens and camera spread evenly over it."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,25 +8,30 @@ from kinran.data.radiance import HOT, SATURATED, Image, Radiance
 Array = NDArray[np.float64]
 
 SURE = 3.0
-"""A veil under so many standard deviations is none."""
+"""Number of standard deviations that a veil must exceed to be corrected."""
 TOLERANCE = 0.04
-"""How well the reflectance of a grey patch is known, relative; of the darkest ones it is worst."""
+"""Relative standard deviation of a grey patch's reflectance: a choice; it is worst for the darkest patches."""
 
 
 def estimate_glare(grey: Array, reflectance: Array, mean: float) -> float:
-    """Share of the mean light that lies over the grey patches of a chart; 0 if it is not sure.
+    """Estimate the veiling glare from the grey patches of a chart.
 
-    A veil is what is left where reflectance goes to 0: the patches read a ρ + b, of which b is the veil. The patches
-    count by the tolerance of their reflectance.
+    The patches read a ρ + b for a reflectance ρ, and b is the veil. In the least squares fit, each patch is weighted by
+    the tolerance of its reflectance.
 
     Parameters
     ----------
     grey : (n,) float
         Light of the grey patches.
     reflectance : (n,) float
-        What they reflect.
+        Reflectance of the patches.
     mean
         Mean light of the whole picture.
+
+    Returns
+    -------
+    float
+        Veil over the mean light of the picture; 0 where it is not significant.
     """
     if len(grey) < 4 or mean <= 0:
         return 0.0
@@ -43,9 +48,9 @@ def estimate_glare(grey: Array, reflectance: Array, mean: float) -> float:
 
 
 def veil(picture: Radiance, share: float) -> Image:
-    """(3,) light of a veil of this share of the mean light of a picture (y, x, 3), channel by channel.
+    """Return the light (3,) of a veil of this share of a picture's (y, x, 3) mean light, channel by channel.
 
-    The lens sees `light + share · mean(light)`, so that the mean of what it shows is (1 + share) times that of light.
+    The picture is light + share · mean(light), so that its mean is (1 + share) times that of the light.
     """
     if not share:
         return np.zeros(3, np.float32)
@@ -60,5 +65,5 @@ def veil(picture: Radiance, share: float) -> Image:
 
 
 def lift(picture: Radiance, light: Image) -> Radiance:
-    """Picture (y, x, 3) without a veil (3,); saturated samples are lower bounds, and stay them with it."""
+    """Return a picture (y, x, 3) without a veil (3,); saturated samples, which are lower bounds, stay as they are."""
     return picture.with_value(np.where(picture.has(SATURATED), picture.value, picture.value - light))

@@ -1,4 +1,4 @@
-"""The light of the lamp from shot to shot, from the photodiode and the repeats of θ = 0."""
+"""The light of the lamp at each shot, from the photodiode and the repeats of θ = 0."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from kinran.data.radiance import HOT, Image, Radiance
 
 
 def irradiance(position_mm: tuple[float, float, float], height: int, width: int, field_mm: float) -> Image:
-    """Irradiance (y, x) from a point lamp relative to the middle of the field: inverse square, and cosine.
+    """Return the irradiance (y, x) of a point lamp relative to the middle of the field: inverse square and cosine.
 
     Parameters
     ----------
@@ -20,7 +20,7 @@ def irradiance(position_mm: tuple[float, float, float], height: int, width: int,
     height, width
         Size of the picture in texels.
     field_mm
-        Width of the field.
+        Width of the field in millimetres.
     """
     texel = field_mm / width
     x = (np.arange(width) + 0.5 - width / 2) * texel - position_mm[0]
@@ -30,9 +30,9 @@ def irradiance(position_mm: tuple[float, float, float], height: int, width: int,
 
 
 def level(picture: Radiance) -> float:
-    """How bright a picture (y, x, 3) is: the mean of green without its darkest and its brightest tenth.
+    """Return the level of a picture (y, x, 3): the mean of green without its darkest and brightest tenth.
 
-    The mean goes by ranks, so that it follows the lamp exactly, whatever is saturated.
+    This trimmed mean is proportional to the lamp's light, even where some samples are saturated.
     """
     green = np.sort(picture.value[..., 1][~picture.has(HOT)[..., 1]])
     tenth = len(green) // 10
@@ -42,10 +42,10 @@ def level(picture: Radiance) -> float:
 def lamp_gains(
     shots: list[Taken], camera: CalibratedCamera, levels: dict[str, float], manifest: Path
 ) -> dict[str, float]:
-    """Light of the lamp at each shot, relative to that on the white plate.
+    """Return the light of the lamp at each shot, by name, relative to that on the white plate.
 
-    The photodiode follows the lamp from shot to shot; the monitors (repeats of θ = 0) tie it to what the
-    fabric receives. Without a photodiode, their level is interpolated over time.
+    The photodiode gives the changes from shot to shot; the monitors (repeats of θ = 0) scale them to the light on the
+    fabric. Without a photodiode, the monitors' level is interpolated over time.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def lamp_gains(
     Raises
     ------
     InputError
-        A gain is not between 0.5 and 2, or there is nothing to tell it from.
+        A gain is not between 0.5 and 2, or there are neither photodiode readings nor monitors.
     """
     monitors = [shot for shot in shots if shot.shot in levels]
     relative = [levels[shot.shot] / camera.monitor for shot in monitors] if camera.monitor else []

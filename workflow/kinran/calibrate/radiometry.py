@@ -1,4 +1,4 @@
-"""From counts a second to the stack's unit: free of glare, flat field and lamp, white is 1."""
+"""Radiance in the stack's unit from counts a second: corrected for glare, flat field and lamp, where white is 1."""
 
 import numpy as np
 
@@ -8,22 +8,22 @@ from kinran.data.flat_field import divide, nearest
 from kinran.data.radiance import Radiance
 
 STRIP = 64
-"""Rows at a time, so that what is temporary stays small."""
+"""Rows that are corrected at a time, to save memory."""
 
 
 def to_radiance(picture: Radiance, camera: CalibratedCamera, lamp: float, theta: float, phi: float) -> Radiance:
-    """Picture (y, x, 3) in π·T: a white diffuser that faces the lamp at θ = 0 reads 1.
+    """Return a picture (y, x, 3) in π·T: a white diffuser that faces the lamp at θ = 0 reads 1.
 
     Parameters
     ----------
     picture : (y, x, 3)
-        Counts per second.
+        Picture in counts per second.
     camera
-        The camera that took it.
+        Calibrated camera.
     lamp
         Light of the lamp relative to that on the white plate.
     theta, phi
-        Direction of the light in degrees, for its flat field.
+        Direction of the light in degrees, which selects the flat field.
     """
     height, width, _ = picture.value.shape
     flat = nearest(camera.flats, theta, phi)

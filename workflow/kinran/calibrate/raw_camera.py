@@ -1,4 +1,4 @@
-"""What a RAW camera is like, measured on its frames: darkness, saturation, gain, shutter times, bad sites."""
+"""Properties of a RAW camera, measured on its frames: black level, saturation, gain, shutter times, bad sites."""
 
 from collections.abc import Sequence
 
@@ -13,14 +13,28 @@ from kinran.data.calibration import Exposure, Response
 Array = NDArray[np.float64]
 
 HOT_SIGMA = 6.0
-"""A site that is brighter in darkness by so many standard deviations is hot: noise alone makes one of a thousand
-million so."""
+"""Standard deviations in a dark frame above which a site is hot: noise alone gives one of a thousand million."""
 MOST_BAD = 0.01
-"""A larger share of hot or dead sites is that of a lens that was not covered."""
+"""Share of hot or dead sites above which the lens was not covered: a choice."""
 
 
 def measure_dark(dark: Bracket) -> tuple[tuple[float, float, float, float], float, NDArray[np.bool_]]:
-    """Black of R, G1, G2, B (over the mask's if there is one), read noise in counts, hot sites (4, y, x)."""
+    """Measure the black level on a bracket of dark frames.
+
+    Returns
+    -------
+    black : (4,) float
+        Black level of R, G1, G2, B in counts, relative to the mask's where there is one.
+    read : float
+        Read noise in counts.
+    hot : (4, y, x) bool
+        Hot sites.
+
+    Raises
+    ------
+    InputError
+        The frames are not dark, or their read noise is not plausible.
+    """
     offset = dark.black if dark.masked else np.zeros(len(dark.black))
     counts = dark.planes - offset[:, None, None, None]
     middle = np.median(counts[-1])
@@ -39,9 +53,14 @@ def measure_dark(dark: Bracket) -> tuple[tuple[float, float, float, float], floa
 
 
 def measure_saturation(white: Bracket, black: tuple[float, ...]) -> float:
-    """Counts over black at which sites are full: where the longest exposure of the white plate piles up.
+    """Measure the saturation in counts over black: where the longest exposure of the white plate piles up.
 
-    The level that files state is often wrong (hdr research); it is the fallback if nothing is saturated.
+    The level that files state is often wrong; it is used where nothing is saturated.
+
+    Raises
+    ------
+    InputError
+        The saturation is over the level that the file states.
     """
     levels = site_black(white, black, white.masked)
     counts = white.planes[0] - levels[0, :, None, None]
@@ -58,9 +77,23 @@ def measure_saturation(white: Bracket, black: tuple[float, ...]) -> float:
 
 
 def photon_transfer(white: Bracket, black: Array, saturation: float, read: float) -> tuple[float, float]:
-    """Counts per electron and PRNU, from the differences of neighbouring green sites on the white plate.
+    """Measure counts per electron and PRNU on the differences of neighbouring green sites on the white plate.
 
     Their variance is 2 (gain · m + read² + PRNU² m²) for a mean of m counts.
+
+    Parameters
+    ----------
+    white
+        Bracket of the white plate.
+    black : (exposure, plane)
+        Black levels in counts.
+    saturation, read
+        Saturation over black, and read noise, in counts.
+
+    Raises
+    ------
+    InputError
+        No exposure is well lit, or the gain is not plausible.
     """
     rows, variances, weights = [], [], []
     for k in range(len(white.nominal_s)):
@@ -92,7 +125,7 @@ def photon_transfer(white: Bracket, black: Array, saturation: float, read: float
 
 
 def measure_exposures(lit: Sequence[Bracket], blacks: Sequence[Array], response: Response) -> tuple[Exposure, ...]:
-    """True shutter times: ratios of neighbouring exposures from the pictures, the longest at its third stop.
+    """Measure true shutter times: ratios of neighbouring exposures from the pictures, the longest at its third stop.
 
     Raises
     ------
@@ -115,7 +148,7 @@ def measure_exposures(lit: Sequence[Bracket], blacks: Sequence[Array], response:
 
 
 def dead_sites(white: Bracket, black: Array, saturation: float) -> NDArray[np.bool_]:
-    """Sites (4, y, x) that give less than half of what their plane gives on the white plate."""
+    """Return the dead sites (4, y, x): those with less than half of their plane's median on the white plate."""
     for k in range(len(white.nominal_s)):
         counts = white.planes[k] - black[k, :, None, None]
         middle = np.median(counts, axis=(1, 2), keepdims=True)

@@ -1,4 +1,4 @@
-"""The flat field of a merged white plate: a smooth surface, without dust and defects."""
+"""The flat field of a merged white plate: a smooth surface that ignores dust and defects."""
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -10,18 +10,18 @@ from kinran.data.radiance import HOT, SATURATED, Image, Radiance
 Array = NDArray[np.float64]
 
 MOST_TEXELS = 100_000
-"""Enough to fit 15 coefficients to: noise of 1 % is 0.01 % then."""
+"""Most texels that the 15 coefficients are fitted to: noise of 1 % becomes 0.01 %."""
 
 
 def fit_flat(plate: Radiance, irradiance: Image, theta: float, phi: float) -> Flat:
-    """Flat field of a merged white plate: a smooth surface, by least squares without dust and defects.
+    """Fit the flat field of a merged white plate: a smooth surface, by least squares without dust and defects.
 
     Parameters
     ----------
     plate : (y, x, 3)
         The merged white plate.
     irradiance : (y, x, 1) float32
-        What the lamp's distance explains, which is no fault of the lens.
+        Irradiance that the lamp's distance explains, which is not part of the flat field.
     theta, phi
         Direction of the lamp in degrees.
     """
@@ -45,6 +45,6 @@ def fit_flat(plate: Radiance, irradiance: Image, theta: float, phi: float) -> Fl
 
 
 def _basis(height: int, width: int, step: int = 1) -> Array:
-    """(rows · columns, 15) Legendre products at the centres of texels, or of every so many."""
+    """Return the Legendre products (rows · columns, 15) at the centres of every `step`-th texel along each side."""
     y, x = (legendre.legvander(centres(n)[::step], DEGREE) for n in (height, width))
     return np.stack([np.outer(y[:, i], x[:, j]).ravel() for i, j in PAIRS], 1)

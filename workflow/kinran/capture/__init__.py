@@ -1,1 +1,1 @@
-"""Capture: plan the shots and take them, or take photographs with known lights in their place."""
+"""Capture: plan the shots and take them, or use photographs with known lights instead."""

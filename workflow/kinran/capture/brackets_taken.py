@@ -1,4 +1,4 @@
-"""Brackets in the journal: which ones were taken, with which frames, and which one was under way."""
+"""Brackets in the journal: those that were taken, with their frames, and the one that was under way."""
 
 import hashlib
 import json
@@ -15,16 +15,16 @@ from kinran.rig.motion import mdeg
 
 @dataclass
 class JournalBracket:
-    """A bracket in the journal: an intent, and what came of it.
+    """A bracket in the journal: an intent and its outcome.
 
     Attributes
     ----------
     intent
-        Its record.
+        Record of the intent.
     frames
-        Records of its frames, by their place in the bracket.
+        Records of the frames, by their place in the bracket.
     void
-        Whether its frames were quarantined or superseded.
+        Whether the frames were quarantined or superseded.
     """
 
     intent: Record
@@ -33,19 +33,19 @@ class JournalBracket:
 
     @property
     def recorded(self) -> bool:
-        """Whether all its frames are recorded."""
+        """Whether all frames are recorded."""
         exposures: list[float] = self.intent["exposures"]
         return len(self.frames) == len(exposures)
 
     @property
     def complete(self) -> bool:
-        """Whether all its frames are recorded and count."""
+        """Whether all frames are recorded and valid."""
         return self.recorded and not self.void
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """A shot to be taken: at which revision, and with which set-up (`setup_digest`)."""
+    """A shot to be taken, with its revision and the digest of its set-up (`setup_digest`)."""
 
     group: str
     shot: Shot
@@ -54,7 +54,7 @@ class Wanted:
 
 
 def read_brackets(records: Iterable[Record]) -> list[JournalBracket]:
-    """Brackets in the order of their intents."""
+    """Return the brackets of a journal in the order of their intents."""
     brackets: list[JournalBracket] = []
     for record in records:
         match record["t"]:
@@ -68,13 +68,13 @@ def read_brackets(records: Iterable[Record]) -> list[JournalBracket]:
 
 
 def setup_digest(plan: Plan, shot: Shot, device: Mapping[str, Any]) -> str:
-    """Digest of what makes a bracket what it is: device, subject, pose and exposures."""
+    """Return the digest of a bracket's set-up: device, subject, pose and exposures."""
     parts = [dict(device), shot.kind, mdeg(shot.theta), mdeg(shot.phi), list(plan.exposures_s)]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def latest(brackets: Iterable[JournalBracket], group: str, shot: str) -> JournalBracket | None:
-    """The newest complete bracket of a shot."""
+    """Return the newest complete bracket of a shot; None if there is none."""
     found = None
     for bracket in brackets:
         if bracket.complete and (bracket.intent["group"], bracket.intent["shot"]) == (group, shot):
@@ -83,7 +83,7 @@ def latest(brackets: Iterable[JournalBracket], group: str, shot: str) -> Journal
 
 
 def missing(brackets: list[JournalBracket], wanted: Iterable[Wanted], root: Path) -> list[Wanted]:
-    """Shots without a complete bracket of their set-up and revision, or whose files are gone or cut short."""
+    """Return the shots without a complete bracket of their set-up and revision, or whose files are gone or cut."""
     newest = {(bracket.intent["group"], bracket.intent["shot"]): bracket for bracket in brackets if bracket.complete}
     last = max((i for i, bracket in enumerate(brackets) if bracket.complete), default=None)
     if last is not None and not all(
@@ -112,7 +112,7 @@ def _whole(root: Path, frame: Record) -> bool:
 
 
 def manifest(plan: Plan, group: Group, brackets: list[JournalBracket]) -> dict[str, Any]:
-    """Manifest of a group, lights first, in the order of their indices."""
+    """Return the manifest of a group, lights first, in the order of their indices."""
     shots = [_manifest_shot(shot, latest(brackets, group.name, shot.shot)) for shot in group.shots]
     shots.sort(key=lambda shot: len(plan.lights) if shot["light"] is None else shot["light"])
     return {

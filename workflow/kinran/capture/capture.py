@@ -1,4 +1,4 @@
-"""Shoot a group of the plan: what is missing or asked for anew; write the group's manifest."""
+"""Shoot the missing and the repeated shots of a group of the plan, and write the group's manifest."""
 
 import json
 import logging
@@ -25,12 +25,12 @@ Devices = Callable[[], AbstractContextManager[tuple[Goniometer, Camera]]]
 
 
 def json_object(text: str) -> dict[str, Any]:
-    """Object that a text in JSON stands for.
+    """Parse a JSON object.
 
     Raises
     ------
     InputError
-        It is something else.
+        The text is not a JSON object.
     """
     try:
         value = json.loads(text)
@@ -59,9 +59,9 @@ class Options:
 
 
 def main(inputs: Inputs, out: Annotated[Path, "OUT", "manifest of the group"], options: Options) -> None:
-    """Shoot a group.
+    """Shoot a group and write its manifest.
 
-    Frames of the virtual rig are those of its code: when that changes, they are shot anew, and the old ones kept.
+    When the code of the virtual rig changes, its frames are shot anew, and the old ones kept.
     """
     if options.device == "hid":
         raise InputError("device hid: no camera back-end is installed; use virtual, or ingest photographs")
@@ -85,7 +85,7 @@ def capture(
     device: Mapping[str, Any],
     revisions: Mapping[str, int],
 ) -> dict[str, Any]:
-    """Shoot what is missing of a group, and give its manifest.
+    """Shoot the missing shots of a group, and return its manifest.
 
     Parameters
     ----------
@@ -96,11 +96,11 @@ def capture(
     root
         Folder of the capture: frames, journal, card, quarantine.
     devices
-        Opens the rig and the camera; called only when something is to be shot.
+        Function that opens the rig and the camera; called only when something is to be shot.
     device
-        What the devices are; another description makes other frames.
+        Description of the devices; frames of another description do not count.
     revisions
-        Revision asked for, by shot; 0 for the others.
+        Revision that is asked for, by shot; 0 for the others.
 
     Raises
     ------
@@ -127,12 +127,12 @@ def capture(
 
 
 def check_revisions(revisions: Mapping[str, int], shots: set[str], group: str) -> None:
-    """Check the revisions asked for.
+    """Check the revisions that are asked for.
 
     Raises
     ------
     InputError
-        One names no shot of the group, or is no whole number from 0.
+        A revision names no shot of the group, or is not a whole number from 0.
     """
     for shot, revision in revisions.items():
         if shot not in shots:

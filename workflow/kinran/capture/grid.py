@@ -13,18 +13,19 @@ from kinran.rig.motion import AXES, SETTLE_S, move_time
 
 CAMERA_S = 1.0
 """Seconds that a camera needs for a frame besides its exposure: libgphoto2 alone takes 0.95 s (0.10 to set the shutter
-time, 0.71 to trigger, the rest to learn of the frame and to fetch it), timed with an emulated EOS without delays."""
+time, 0.71 to trigger, the rest to notice and fetch the frame), timed with an emulated EOS without delays."""
 
 LARGEST_GROUP = 64
-"""Most lights of a group: eight shards, so that merging a group takes minutes, and losing one costs no more."""
+"""Most lights of a group: eight shards, so that a group is merged, or repeated, in minutes."""
 CALIBRATION = "calibration"
+"""Name of the group of calibration shots."""
 CALIBRATION_MONITORS = 4
-"""Shots of the fabric at θ = 0 beside the white plate: as many as a group of four meridians has. Their mean halves the
-noise of the tie between the two."""
+"""Shots of the fabric at θ = 0 in the group of the white plate, as many as in a group of four meridians: their mean
+halves the noise of the ratio between fabric and plate."""
 
 
 def group_names(thetas: Sequence[float], phis: int, meridians: int = 4) -> list[str]:
-    """Names of the groups of a grid, the calibration last.
+    """Return the names of the groups of a grid, the calibration last.
 
     Parameters
     ----------
@@ -44,9 +45,9 @@ def group_names(thetas: Sequence[float], phis: int, meridians: int = 4) -> list[
 
 
 def group_lights(thetas: Sequence[float], phis: int, meridians: int = 4) -> dict[str, range]:
-    """Indices of the lights of each group of a grid; the last group also has the light at θ = 0.
+    """Return the indices of the lights of each group of a grid; the last group also has the light at θ = 0.
 
-    Parameters and errors as `group_names`.
+    Parameters and errors are those of `group_names`.
     """
     _check_grid(thetas, phis, meridians)
     oblique = len(thetas) - 1
@@ -80,18 +81,18 @@ def plan_grid(
     Parameters
     ----------
     fabric
-        Name.
+        Name of the fabric.
     thetas, phis, meridians
         Polar angles, number of meridians, and meridians in a group, as in `group_names`.
     exposures_s
-        The bracket, in seconds.
+        Exposure times of a bracket in seconds.
     distances
         Distances of lamp and camera from the field's centre, and width of the field that the camera sees.
 
     Raises
     ------
     InputError
-        A value cannot be used.
+        A value is out of range, or the grid cannot be cut into groups of whole shards.
     """
     check_name(fabric, "fabric")
     if not exposures_s or not all(math.isfinite(e) and 0 < e <= 60 for e in exposures_s):
@@ -149,7 +150,7 @@ def _lights(thetas: list[float], phis: int, lamp_mm: float | None) -> list[PlanL
 
 
 def _name(theta: float, phi: float) -> str:
-    """As ``t05_p120``, or ``t02-5_p007-5`` where a degree is too coarse."""
+    """Return a light's name, such as ``t05_p120``, or ``t02-5_p007-5`` where a degree is too coarse."""
     words = []
     for letter, width, angle in (("t", 2, theta), ("p", 3, phi)):
         whole, _, fraction = f"{angle:.3f}".rstrip("0").partition(".")
@@ -163,7 +164,7 @@ def _vector(values: list[float], digits: int) -> Vector:
 
 
 def _group_shots(lights: list[PlanLight], own: range, first: int, last: int) -> list[Shot]:
-    """The directions of meridians `first` to `last` in the quicker of two serpentines, monitors spread."""
+    """Return the shots of meridians `first` to `last` in the quicker of two serpentines, with monitors spread in it."""
     pole = lights[-1]
     directions = [Shot(lights[i].name, "light", i, lights[i].theta, lights[i].phi) for i in own if i != pole.index]
     inner_phi = _serpentine(directions, rows="theta")
@@ -178,7 +179,7 @@ def _group_shots(lights: list[PlanLight], own: range, first: int, last: int) -> 
 
 
 def _serpentine(shots: list[Shot], rows: str) -> list[Shot]:
-    """Rows of equal `rows` angle, each second one backwards."""
+    """Return shots in rows of an equal angle (`rows`: ``theta`` or ``phi``), every second row backwards."""
     order: list[Shot] = []
     inner = "phi" if rows == "theta" else "theta"
     for i, row in enumerate(sorted({getattr(shot, rows) for shot in shots})):
@@ -188,13 +189,13 @@ def _serpentine(shots: list[Shot], rows: str) -> list[Shot]:
 
 
 def _travel(shots: Sequence[Shot]) -> float:
-    """Seconds on the way from the first shot to the last."""
+    """Return the seconds of all moves from the first shot to the last."""
     poses = [(1000 * shot.theta, 1000 * shot.phi) for shot in shots]
     return sum(move_time(a, b) for a, b in itertools.pairwise(poses))
 
 
 def _calibration_shots(pole: int) -> tuple[Shot, ...]:
-    """The calibration's subjects, then the fabric at θ = 0: it ties the lamp on the white plate to the monitors."""
+    """Return shots of the calibration's subjects, then of the fabric at θ = 0, which relates them to the monitors."""
     return (
         Shot("dark", "dark", None, 0.0, 0.0),
         Shot("white", "white", None, 0.0, 0.0),

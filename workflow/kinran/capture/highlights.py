@@ -1,4 +1,4 @@
-"""Find where the lamps stood from the highlights on mirror spheres, and write them as a `.lp` file.
+"""Find the positions of the lamps from the highlights on mirror spheres, and write them as a `.lp` file.
 
 Spheres lie beside the fabric in every photograph. One gives directions; two, or one and the dome's radius, give
 positions in millimetres from the middle of the photograph, for `kinran rti --lamp-mm 1`.
@@ -29,13 +29,13 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 RIM = 0.97
-"""Share of a sphere's radius that is looked at: nearer to its rim it mirrors what lies behind it, within 28° of the
-line of sight, and an outline drawn 3 % too wide would show the background. No measurement stands behind the share."""
+"""Share of a sphere's radius in which highlights are looked for: nearer to its rim it mirrors what lies behind it,
+within 28° of the line of sight, and an outline 3 % too wide shows the background. No measurement stands behind it."""
 LEAST_PEAK = 0.1
-"""Share of white by which a highlight is brighter than what the sphere mirrors in the other photographs: well over the
-noise of a photograph, and under any lamp that lights a fabric. No measurement stands behind it."""
+"""Least peak of a highlight, in units of white, over the median of all photographs: well over the noise of a photograph
+and under any lamp that lights a fabric. No measurement stands behind it."""
 LEAST_TURN = math.radians(3)
-"""Least angle between the rays of two spheres from which a distance follows: a highlight that is a pixel off on a
+"""Least angle in radians between the rays of two spheres for a distance to follow: a highlight that is a pixel off on a
 sphere of 50 pixels turns a ray by 2.3°, nearly as much."""
 
 
@@ -58,9 +58,10 @@ class Sphere:
     Attributes
     ----------
     centre, radius
-        Centre from the middle of the photograph, X to the right, Y up, Z to the camera, and radius.
+        Centre (3,) from the middle of the photograph (X to the right, Y up, Z to the camera) and radius, in
+        millimetres, or in pixels where the field's width is unknown.
     camera
-        Distance of the camera's centre of projection; None where it is far away.
+        Distance of the camera's centre of projection in millimetres; None where it is far away.
     """
 
     centre: Array
@@ -69,7 +70,7 @@ class Sphere:
 
 
 def parse_circle(text: str) -> Circle:
-    """Circle of ``X,Y,RADIUS``.
+    """Parse a circle ``X,Y,RADIUS`` in pixels.
 
     Raises
     ------
@@ -104,7 +105,7 @@ class Options:
 
 
 def main(inputs: Inputs, out: Annotated[Path, "--out FILE.lp", "lights to write"], options: Options) -> None:
-    """Write the `.lp`, and say how well the spheres agree."""
+    """Write the `.lp`, and log how well the spheres agree."""
     circles, field_mm, lamp_mm = options.spheres, options.field_mm, options.lamp_mm
     if field_mm is None and (lamp_mm or options.camera_mm or len(circles) > 1):
         raise InputError("--field-mm: is missing; two spheres, --lamp-mm and --camera-mm need it")
@@ -136,13 +137,13 @@ def main(inputs: Inputs, out: Annotated[Path, "--out FILE.lp", "lights to write"
 
 
 def on_plane(x: float, y: float, size: tuple[int, int], field_mm: float | None) -> tuple[float, float]:
-    """X and Y on the plane of the fabric of a point of a photograph; in pixels where the field's width is unknown."""
+    """Return (X, Y) of a photograph's point on the fabric's plane, in mm, or in pixels where `field_mm` is unknown."""
     pixel = (field_mm or size[0]) / size[0]
     return (x - size[0] / 2) * pixel, (size[1] / 2 - y) * pixel
 
 
 def place(circle: Circle, size: tuple[int, int], field_mm: float | None, camera_mm: float | None) -> Sphere:
-    """Sphere that touches the plane of the fabric and has this outline: that of the cone of rays around it."""
+    """Return the sphere that touches the plane of the fabric and has this outline, which is that of a cone of rays."""
     x, y = on_plane(circle.x, circle.y, size, field_mm)
     radius = circle.radius * (field_mm or size[0]) / size[0]
     if camera_mm is None:
@@ -158,7 +159,7 @@ def place(circle: Circle, size: tuple[int, int], field_mm: float | None, camera_
 
 
 def mirror(sphere: Sphere, x: float, y: float) -> tuple[Array, Array]:
-    """Point of a sphere that is seen at (X, Y) of the plane, and the direction that it mirrors into the camera."""
+    """Return the point (3,) of a sphere seen at (X, Y) of the plane, and the direction (3,) that it mirrors."""
     start, ahead = np.array([x, y, 0.0]), np.array([0.0, 0.0, -1.0])
     if sphere.camera is not None:
         eye = np.array([0.0, 0.0, sphere.camera])
@@ -172,12 +173,28 @@ def mirror(sphere: Sphere, x: float, y: float) -> tuple[Array, Array]:
 
 
 def locate(rays: Sequence[tuple[Array, Array]], lamp_mm: float | None, path: Path) -> tuple[Vector, float]:
-    """Position (or, of one ray alone, direction) of a lamp, and the largest angle between a ray and it.
+    """Find the position of a lamp by least squares from the rays of the spheres.
+
+    Parameters
+    ----------
+    rays
+        Start (3,) and unit direction (3,) of the ray of each sphere.
+    lamp_mm
+        Distance of the lamp from the middle of the photograph, for one ray; None to return its direction.
+    path
+        Photograph, to name in an error.
+
+    Returns
+    -------
+    where : (3,)
+        Position of the lamp, or direction of one ray.
+    angle : float
+        Largest angle in radians between a ray and the way from its start to the lamp.
 
     Raises
     ------
     InputError
-        The rays of several spheres do not meet before them.
+        The rays of several spheres do not meet before them, or the sphere lies beyond `lamp_mm`.
     """
     points, ahead = (np.array(part) for part in zip(*rays, strict=True))
     if len(rays) > 1:
@@ -204,12 +221,12 @@ def locate(rays: Sequence[tuple[Array, Array]], lamp_mm: float | None, path: Pat
 
 
 def find_highlights(paths: Sequence[Path], circle: Circle) -> list[tuple[float, float]]:
-    """Where the highlight lies on a sphere in each photograph, in pixels from the top left.
+    """Return the place (x, y) of the highlight on a sphere in each photograph, in pixels from the top left.
 
     Raises
     ------
     InputError
-        The sphere is not in a photograph, or one has no highlight.
+        The sphere is not in a photograph, or a photograph has no highlight on it.
     """
     left, top = math.floor(circle.x - circle.radius), math.floor(circle.y - circle.radius)
     side = math.ceil(2 * circle.radius) + 1
@@ -232,12 +249,12 @@ def find_highlights(paths: Sequence[Path], circle: Circle) -> list[tuple[float, 
 
 
 def highlight(picture: NDArray[np.floating], circle: Circle) -> tuple[float, float]:
-    """Centre (x, y) of the brightest spot of a picture (y, x) within a circle, of all that is above half its peak.
+    """Return the centre (x, y) of the brightest spot of a picture (y, x) within a circle, down to half its peak.
 
     Raises
     ------
     ValueError
-        There is none.
+        No spot is brighter than `LEAST_PEAK`.
     """
     y, x = np.mgrid[: picture.shape[0], : picture.shape[1]] + 0.5
     inside = np.hypot(x - circle.x, y - circle.y) < RIM * circle.radius

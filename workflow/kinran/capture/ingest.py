@@ -1,4 +1,4 @@
-"""Take photographs with known lights (a folder with a `.lp` file) as a capture: write its plan."""
+"""Use photographs with known lights (a folder with a `.lp` file) as a capture: write its plan."""
 
 import logging
 import math
@@ -36,16 +36,16 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "plan of the capture (.json
 
 
 def plan(fabric: str, photographs: PhotographSet, known: Known) -> Plan:
-    """Plan of a set in the order of its `.lp` file.
+    """Return the plan of a set, in the order of its `.lp` file.
 
     Parameters
     ----------
     fabric
-        Name.
+        Name of the fabric.
     photographs
         The set.
     known
-        Encoding, crop and distances of the set; with distances, lights stand as seen from the middle of the crop.
+        Encoding, crop and distances of the set; with distances, lights are relative to the middle of the crop.
     """
     measured, part, lights = known.distances, parse_crop(known.crop), photographs.lights
     centre, field_mm = (0.0, 0.0), measured.field_mm
@@ -73,7 +73,7 @@ def plan(fabric: str, photographs: PhotographSet, known: Known) -> Plan:
 
 
 def _place(index: int, light: LpLight, lamp_mm: float | None, centre: tuple[float, float]) -> PlanLight:
-    """A light as it is seen from the middle of the crop; as the `.lp` has it where its distance is not known."""
+    """Return a light relative to the middle of the crop, or as in the `.lp` where its distance is unknown."""
     position, direction = None, light.direction
     if lamp_mm:
         reach = lamp_mm * light.length

@@ -1,4 +1,4 @@
-"""Take a group of photographs as shots of a capture: write its manifest; they stay where they lie."""
+"""Use a group of photographs as shots of a capture: write its manifest; the files stay where they are."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +25,13 @@ def main(
 
 
 def manifest(plan_file: Path, name: str, folder: Path) -> dict[str, Any]:
-    """Manifest of a group: the photographs where they lie, with their digests."""
+    """Return the manifest of a group: the paths of its photographs, with their digests.
+
+    Raises
+    ------
+    InputError
+        The plan or a photograph is missing, or a frame has no exposure time.
+    """
     planned = read_plan(plan_file)
     group = planned.group(name)
     found = photographs.find_frames(folder, list(read_lp(lp_file(folder))))

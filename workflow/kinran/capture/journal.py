@@ -15,13 +15,13 @@ Record = dict[str, Any]
 
 
 def line(record: Mapping[str, Any]) -> bytes:
-    """One line of a journal: compact JSON, a blank, eight hexadecimal digits of CRC-32."""
+    """Return one line of a journal: compact JSON, a blank, eight hexadecimal digits of CRC-32."""
     body = json.dumps(record, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
     return body + b" %08x\n" % zlib.crc32(body)
 
 
 def parse(text: bytes) -> Record | None:
-    """The record of one line with its end, or None when the line is torn or damaged."""
+    """Return the record of one line, line end included; None where the line is torn or damaged."""
     body, _, digits = text.removesuffix(b"\n").rpartition(b" ")
     if not text.endswith(b"\n") or digits != b"%08x" % zlib.crc32(body):
         return None
@@ -30,12 +30,12 @@ def parse(text: bytes) -> Record | None:
 
 
 def read(path: Path) -> tuple[list[Record], int]:
-    """Records of a journal and the number of bytes that they take; a torn tail is left out.
+    """Read the records of a journal, and the number of bytes that they take; a torn tail is left out.
 
     Raises
     ------
     InputError
-        A line is damaged and sound ones follow it: that is no torn tail.
+        A line is damaged and sound ones follow it, so that it is not a torn tail.
     """
     records: list[Record] = []
     good = 0
@@ -89,7 +89,7 @@ class Journal:
             os.fsync(self._file)
 
     def append(self, *records: Record) -> None:
-        """Write records and wait until the disk has them; a failed write leaves none of them."""
+        """Append records and wait until the disk has them; a failed write leaves none of them."""
         size = os.fstat(self._file).st_size
         data = b"".join(line(record) for record in records)
         try:
@@ -103,7 +103,7 @@ class Journal:
         self.records.extend(records)
 
     def close(self) -> None:
-        """Let others open it."""
+        """Close the journal, so that others can open it."""
         os.close(self._file)
 
     def __enter__(self) -> Self:

@@ -1,4 +1,4 @@
-"""A set of photographs with known lights, as a user gives it: checked before anything is written."""
+"""A set of photographs with known lights, checked before anything is written."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,13 +15,13 @@ from kinran.data.nominal_time import nominal_seconds
 from kinran.data.raw import is_raw
 
 UNIT = 0.02
-"""Distance of a vector's length from 1 above which it may be a position: a direction that is rounded to two decimals is
-off by 0.009 at most."""
+"""Difference of a vector's length from 1 above which it may be a position: a direction that is rounded to two decimals
+differs by 0.009 at most."""
 
 
 @dataclass(frozen=True)
 class Known:
-    """Encoding, crop and distances that a user gives of a set of photographs."""
+    """Encoding, crop and distances that a user states for a set of photographs."""
 
     encoding: Annotated[str, "srgb (default), linear or gamma:EXPONENT"] = "srgb"
     crop: Annotated[str, "--crop X,Y,W,H", "part to use, from the top left"] = ""
@@ -44,7 +44,7 @@ class Known:
         Raises
         ------
         InputError
-            One is no length, or the field's width is missing, without which the others have no scale.
+            A distance is not over 0, or the field's width is missing, without which the others have no scale.
         """
         given = Distances(self.lamp_mm, self.field_mm, self.camera_mm)
         check_lengths(given)
@@ -56,16 +56,16 @@ class Known:
 
 @dataclass(frozen=True)
 class PhotographSet:
-    """A set that has been looked at.
+    """A set of photographs that has been checked.
 
     Attributes
     ----------
     lights
-        Lights of the `.lp`, as they are seen from the middle of a whole photograph.
+        Lights of the `.lp`, relative to the middle of a whole photograph.
     size
-        Width and height of a whole photograph.
+        Width and height of a whole photograph in pixels.
     exposures_s
-        Nominal exposure times of its brackets, longest first; 1 for single photographs.
+        Nominal exposure times of the brackets in seconds, longest first; 1 for single photographs.
     """
 
     lights: list[LpLight]
@@ -74,21 +74,21 @@ class PhotographSet:
 
 
 def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
-    """Check a whole set before anything is written: lights, files, sizes, crop, and that each image decodes.
+    """Check a whole set before anything is written: its lights, files, sizes and crop, and that each image decodes.
 
     Parameters
     ----------
     folder
         Folder of the photographs and their `.lp` file.
     known
-        What the user says of them.
+        Encoding, crop and distances of the set.
     holdout
-        Every how many lights one is held out; 0 for none.
+        One light of so many is held out; 0 for none.
 
     Raises
     ------
     InputError
-        What is wrong first.
+        Something is wrong; the message names the first fault.
     """
     lights = read_lp(lp_file(folder))
     coder = encoding.parse(known.encoding)
@@ -111,7 +111,7 @@ def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
 
 
 def remark_on_lengths(lights: list[LpLight], lamp_mm: float | None) -> str:
-    """Warning where the vectors look like positions but are taken for directions; else empty."""
+    """Return a warning where the vectors look like positions but are taken for directions; else an empty text."""
     lengths = [light.length for light in lights]
     if lamp_mm or max(abs(length - 1) for length in lengths) < UNIT:
         return ""
@@ -122,12 +122,13 @@ def remark_on_lengths(lights: list[LpLight], lamp_mm: float | None) -> str:
 
 
 def exposures(found: dict[str, list[Path]]) -> tuple[float, ...]:
-    """Nominal exposure times of a set's brackets, longest first; 1 for single photographs.
+    """Return the nominal exposure times in seconds of a set's brackets, longest first; 1 for single photographs.
 
     Raises
     ------
     InputError
-        Single RAW files, or a bracket's time is not known, stands twice, or is another light's.
+        A light has a single RAW file, brackets and single images are mixed, or an exposure time is unknown or stands
+        twice in a bracket.
     """
     times: set[float] = set()
     for name, frames in found.items():
@@ -143,7 +144,13 @@ def exposures(found: dict[str, list[Path]]) -> tuple[float, ...]:
 
 
 def frame_seconds(frames: list[Path]) -> list[float]:
-    """Nominal exposure time of each frame of a light, of EXIF or of its name; 1 for a single photograph."""
+    """Return the nominal exposure time in seconds of each frame of a light, from EXIF or name; 1 for a single one.
+
+    Raises
+    ------
+    InputError
+        A frame of a bracket has no exposure time.
+    """
     if len(frames) == 1:
         return [1.0]
     seconds = [round(nominal_seconds(path), 9) for path in frames]

@@ -1,4 +1,4 @@
-"""Plan a capture: the grid of directions in groups, their order, duration and light dose."""
+"""Plan a capture: a grid of directions in groups, their order, duration and light dose."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from kinran.data.capture_plan import write_plan
 
 
 def numbers(text: str) -> tuple[float, ...]:
-    """Numbers of ``0,5,10``.
+    """Parse numbers such as ``0,5,10``.
 
     Raises
     ------
     InputError
-        A part is no number.
+        A part is not a number.
     """
     try:
         return tuple(float(word) for word in text.split(","))
@@ -38,7 +38,7 @@ class Options:
 
 
 def main(out: Annotated[Path, "OUT", "plan.json"], options: Options) -> None:
-    """Write a plan."""
+    """Write the plan."""
     o = options
     distances = Distances(o.lamp_mm, o.field_mm, o.camera_mm)
     write_plan(out, plan_grid(o.fabric, o.thetas, o.phis, o.exposures, o.meridians, distances))

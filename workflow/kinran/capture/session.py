@@ -1,4 +1,4 @@
-"""A session of shooting: brackets are taken so that a kill at any moment loses none and repeats none.
+"""A session of shooting, which can be killed at any moment without losing or repeating a bracket.
 
 For each bracket: intent, sync; exposures; copies, sync; rename, sync the folder; frame records, sync; only
 then are the files deleted on the card. The journal alone says what is done (docs/rig.md has the resume rule).
@@ -24,21 +24,22 @@ from kinran.rig.motion import ON_TARGET_MDEG, mdeg
 TRIES = 2
 """Times that a bracket, or a missed exposure, is taken before the session stops (docs/rig.md, Resume)."""
 RESTARTS = 3
-"""Restarts of the rig that a session goes on after; a rig that restarts more often needs a person."""
+"""Restarts of the rig after which a session goes on: a choice; a rig that restarts more often needs a person."""
 LAMP_LEAVES, LAMP_RETURNS = 0.03, 0.02
 """Relative drift of the lamp at which shooting pauses, and at which it goes on: several times the simulated lamp's
-breathing of 0.6 %. Monitors correct what is smaller. No measurement of a real lamp stands behind them."""
+breathing of 0.6 %. Monitors correct smaller drifts. No measurement of a real lamp stands behind these numbers."""
 LAMP_WAIT_S = 600.0
-"""Longest pause for the lamp: in ten minutes it is as warm as after the half hour of warm-up, or broken."""
+"""Longest pause for the lamp in seconds: a choice; a lamp that has drifted for ten minutes needs a person."""
 LAMP_SAME = 0.01
-"""Relative change of the lamp within which a bracket may be completed later: as little as its frames may differ in
-one."""
+"""Relative change of the lamp within which a bracket may be completed later: under `LAMP_RETURNS`. No measurement
+stands behind it."""
 FRAME_LIMIT_S = 60.0
-"""Seconds of an open shutter that a frame may take besides its exposure, before the rig closes it by itself."""
+"""Seconds of open shutter for a frame besides its exposure, after which the rig closes the shutter by itself."""
 LONG_S = 1.0
-"""Exposures that last longer may outlive the host until the watchdog closes the shutter."""
+"""Exposure time in seconds above which the watchdog of a dead host may close the shutter under an exposure."""
 
 SUBJECTS = {"light": "fabric", "monitor": "fabric", "dark": "dark", "white": "white", "chart": "chart"}
+"""Subject before the lens for each kind of shot."""
 X_SYNC = 1
 """Bit of the rig's capabilities: it counts the camera's exposures."""
 
@@ -46,7 +47,7 @@ log = logging.getLogger(__name__)
 
 
 class Session:
-    """Shooting of the missing brackets, until done or until something stops it; both leave a sound journal.
+    """Shoots the missing brackets, until done or until an error stops it; both leave a sound journal.
 
     Parameters
     ----------
@@ -55,9 +56,9 @@ class Session:
     root
         Folder of the capture.
     journal
-        Its journal, open.
+        Journal of the capture, open.
     rig, camera
-        The devices; both may hold leftovers of a killed session.
+        Devices; both may hold leftovers of a killed session.
     device
         Name of the device, for the journal.
     """
@@ -72,14 +73,14 @@ class Session:
         self._subject = ""
 
     def run(self, group: str, wanted: Sequence[Wanted]) -> None:
-        """Shoot what is missing of a group.
+        """Shoot the missing shots of a group.
 
         Raises
         ------
         RigError, CameraError
-            The session cannot go on; run it again when the cause is gone.
+            A device failed; the session can be run again when the cause is gone.
         InputError
-            The disk is full.
+            The disk is full, or has too little space.
         """
         try:
             self._run(group, wanted)
@@ -99,7 +100,7 @@ class Session:
             return
         self._check_disk(len(todo))
         for shot in (shot for each in self.plan.groups for shot in each.shots):
-            self.rig.check(mdeg(shot.theta), mdeg(shot.phi))  # all of it, before the lamp is lit
+            self.rig.check(mdeg(shot.theta), mdeg(shot.phi))  # all poses, before the lamp is lit
         self._prepare()
         began, restarts, done = time.monotonic(), 0, 0
         while todo:
@@ -129,7 +130,7 @@ class Session:
     # -- meeting the devices -------------------------------------------------------------------------
 
     def _meet(self, group: str) -> None:
-        """Greet the rig, and settle what an earlier session left on the card."""
+        """Greet the rig, and settle the frames that an earlier session left on the card."""
         self.rig.hello()
         serial = self.rig.ident.serial if self.rig.ident else ""
         self.journal.append(
@@ -144,7 +145,7 @@ class Session:
         self.rig.check_fault()
 
     def _tidy_card(self) -> None:
-        """Delete on the card what is recorded: a session was killed before it did."""
+        """Delete recorded frames on the card: a session was killed before it deleted them."""
         recorded: dict[str, set[str]] = {}
         whole = [bracket for bracket in self.brackets if bracket.recorded]  # its records may be torn, too
         entries = [frame for bracket in whole for frame in bracket.frames.values()]
@@ -158,7 +159,7 @@ class Session:
                 self.camera.delete(name)
 
     def _settle(self) -> None:
-        """Adopt the frames of the bracket that was under way, keep the first of them, or quarantine them."""
+        """Adopt the frames of the bracket that was under way, keep them for its completion, or quarantine them."""
         if not self.brackets or self.brackets[-1].complete or self.brackets[-1].void:
             return
         bracket = self.brackets[-1]
@@ -179,7 +180,7 @@ class Session:
             self._quarantine(found, "not the bracket that was under way")
 
     def _counted(self, bracket: JournalBracket, unknown: int) -> int:
-        """X-sync edges since the intent; `unknown` when the rig does not count them."""
+        """Return the X-sync edges since the intent; `unknown` where the rig does not count them."""
         if self.rig.ident is None or not self.rig.ident.capabilities & X_SYNC:
             return unknown
         return self.rig.state.exposures - int(bracket.intent["counter"])
@@ -193,7 +194,7 @@ class Session:
         self._reference = self.rig.intensity()
 
     def _check_disk(self, brackets: int) -> None:
-        """Refuse to begin what will not fit.
+        """Check that the disk has room for so many brackets.
 
         Raises
         ------
@@ -216,7 +217,7 @@ class Session:
             bracket, names = self._open(want)
             try:
                 self._expose(bracket, names)
-            except RigError as error:  # nobody knows how much light the last frames got
+            except RigError as error:  # the light of the last frames is unknown
                 card = bracket.intent["card"]
                 self._quarantine([name for name in self.camera.card() if name not in card], str(error))
                 raise
@@ -229,10 +230,10 @@ class Session:
                 self._wait_for_lamp()
             elif attempt:
                 raise CameraError("the rig does not see the camera's X-sync; check the cable between them")
-        raise RigError("the lamp does not hold steady; look after it, then run the capture again")
+        raise RigError("the lamp does not hold steady; check it, then run the capture again")
 
     def _open(self, want: Wanted) -> tuple[JournalBracket, list[str]]:
-        """Move there, and write what is intended; or go on with the bracket that was under way."""
+        """Move to the shot's pose and write its intent, or go on with the bracket that was under way."""
         subject = SUBJECTS[want.shot.kind]
         if subject != self._subject:
             self.camera.place(subject)
@@ -268,7 +269,7 @@ class Session:
         return self.brackets[-1], []
 
     def _may_complete(self, intent: Record, want: Wanted, pose: Sequence[int], photodiode: int) -> bool:
-        """Whether the rest of a bracket would be as if it had been taken at once."""
+        """Return whether pose and lamp allow a bracket to be completed as if it had been taken at once."""
         return (
             (intent["group"], intent["shot"]) == (want.group, want.shot.shot)
             and (intent["revision"], intent["setup"]) == (want.revision, want.setup)
@@ -277,7 +278,7 @@ class Session:
         )
 
     def _supersede(self, want: Wanted) -> None:
-        """Move older frames of the same name aside; they stay for whoever wants them."""
+        """Move older frames of the same name to the folder ``superseded``."""
         for number, bracket in enumerate(self.brackets):
             intent = bracket.intent
             same = (intent["group"], intent["shot"], intent["revision"])
@@ -293,7 +294,7 @@ class Session:
         Raises
         ------
         RigError
-            The rig is gone or stands still, or its shutter closed: the frames may be dark.
+            The rig is disconnected or has a fault, or its shutter closed: the frames may be dark.
         """
         exposures: list[float] = bracket.intent["exposures"]
         seen = set(self.camera.card())
@@ -308,7 +309,7 @@ class Session:
                 self.rig.shutter(False)
 
     def _expose_once(self, seconds: float, seen: set[str]) -> str:
-        """One frame; a second try when none lands, and when two do nobody knows which is ours."""
+        """Take one frame and return its name; try again where none lands, or several do, which are quarantined."""
         problem = "no frame landed on the card"
         for _ in range(TRIES):
             try:
@@ -322,12 +323,11 @@ class Session:
             if new:
                 self._quarantine(new, "surplus on the card", void=False)
         raise CameraError(
-            f"the camera missed an exposure of {seconds:g} s twice ({problem}); look after it,"
-            " then run the capture again"
+            f"the camera missed an exposure of {seconds:g} s twice ({problem}); check it, then run the capture again"
         )
 
     def _record(self, bracket: JournalBracket, names: list[str], photodiode: int, how: str) -> None:
-        """Land the frames, record them, and only then delete them on the card."""
+        """Copy the frames to disk, record them, and only then delete them on the card."""
         intent = bracket.intent
         stem = f"{intent['shot']}_e{{k}}_r{intent['revision']}{self.camera.suffix}"
         folder = self.root / "frames" / intent["group"]
@@ -345,7 +345,7 @@ class Session:
             self.camera.delete(name)
 
     def _quarantine(self, names: list[str], reason: str, void: bool = True) -> None:
-        """Keep files aside that are not to be used; with `void` the bracket under way counts no more."""
+        """Copy files aside that are not to be used; with `void` the bracket under way becomes invalid."""
         landed = quarantine(self.camera, self.root, names)
         files = [
             {"name": name, "file": each.file, "sha256": each.sha256} for name, each in zip(names, landed, strict=True)
@@ -366,12 +366,12 @@ class Session:
         return abs(photodiode - self._reference) <= LAMP_LEAVES * self._reference
 
     def _wait_for_lamp(self) -> None:
-        """Pause until the lamp is back where it was at the start of the session.
+        """Pause until the lamp is back at its level of the start of the session.
 
         Raises
         ------
         RigError
-            It does not come back in ten minutes.
+            The lamp does not come back in `LAMP_WAIT_S`.
         """
         self.journal.append({"t": "pause", "reason": "lamp", "photodiode": self.rig.state.photodiode})
         log.info("capture: the lamp drifted; waiting for it")
@@ -381,7 +381,7 @@ class Session:
                 return
         raise RigError(
             f"the lamp stays more than {LAMP_RETURNS:.0%} off its level for {LAMP_WAIT_S / 60:g} minutes;"
-            " look after it, then run the capture again"
+            " check it, then run the capture again"
         )
 
 

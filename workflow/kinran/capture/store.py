@@ -1,4 +1,4 @@
-"""The files of a capture: frames land under their final names only when the disk has them whole."""
+"""The files of a capture: frames get their final names only when the disk has them whole."""
 
 import hashlib
 import os
@@ -19,7 +19,7 @@ class Landed:
 
 
 def land(camera: Camera, root: Path, names: Sequence[str], targets: Sequence[Path]) -> list[Landed]:
-    """Copy frames from the card: all to temporary names, synced, then renamed, and their folder synced.
+    """Copy frames from the card to temporary names, sync them, rename them all, and sync their folder.
 
     The frames stay on the card. All targets lie in one folder.
 
@@ -28,7 +28,7 @@ def land(camera: Camera, root: Path, names: Sequence[str], targets: Sequence[Pat
     CameraError
         A frame is empty.
     OSError
-        The disk is full or fails; no target exists then.
+        The disk is full or fails; no target exists in that case.
     """
     folder = targets[0].parent
     folder.mkdir(parents=True, exist_ok=True)
@@ -59,7 +59,7 @@ def _copy(camera: Camera, name: str, part: Path, file: Path) -> Landed:
 
 
 def digest_on_card(camera: Camera, root: Path, name: str) -> str:
-    """SHA-256 of a file on the card."""
+    """Return the SHA-256 of a file on the card, in hexadecimal."""
     part = root / "card-file.part"
     camera.download(name, part)
     digest = hashlib.sha256(part.read_bytes()).hexdigest()
@@ -68,14 +68,14 @@ def digest_on_card(camera: Camera, root: Path, name: str) -> str:
 
 
 def quarantine(camera: Camera, root: Path, names: Sequence[str]) -> list[Landed]:
-    """Copy files aside that no shot asked for, or whose bracket is void; they stay on the card."""
+    """Copy surplus files, and those of a void bracket, to the folder ``quarantine``; they stay on the card."""
     folder = root / "quarantine"
     targets = [folder / f"{digest_on_card(camera, root, name)[:12]}_{name}" for name in names]
     return land(camera, root, names, targets)
 
 
 def set_aside(root: Path, files: Sequence[str], folder: Path) -> None:
-    """Move frames that newer ones will replace to `folder`; what is not there is passed over."""
+    """Move frames that newer ones will replace to `folder`; missing ones are ignored."""
     folder.mkdir(parents=True, exist_ok=True)
     for file in files:
         source = root / file
@@ -86,7 +86,7 @@ def set_aside(root: Path, files: Sequence[str], folder: Path) -> None:
 
 
 def remove_parts(root: Path) -> None:
-    """Delete what an interrupted download left."""
+    """Delete the temporary files of an interrupted download."""
     for folder in (root, root / "quarantine", *(root / "frames").glob("*")):
         for part in folder.glob("*.part"):
             part.unlink()

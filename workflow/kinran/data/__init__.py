@@ -1,1 +1,1 @@
-"""Data: what the stages hand on, as values and as files."""
+"""Data that stages hand on, as values and as files."""

@@ -1,4 +1,4 @@
-"""What is known of the camera, the lamp and the colours of a capture: `calibration.json`."""
+"""The calibration of a capture: its camera, its lamp and its colours (`calibration.json`)."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,15 +11,15 @@ from kinran.base.files import InputError, read_json, write_json
 from kinran.data.flat_field import Flat
 
 VERSION = 2
-"""Of the file's layout."""
+"""Version of the file's layout; another one is refused."""
 MARGIN = 0.99
-"""Counts over this share of the measured saturation are saturated. Too low biases nothing, and 0.95 costs 6 % of RMSE;
-too high biases: by 4.8 % where 10 % too high (on the synthetic camera of ``kinran bench merge``)."""
+"""Share of the measured saturation from which counts are taken as saturated. A lower share costs noise (0.95: 6 % of
+RMSE) and no bias; one that is 10 % too high biases by 4.8 % (on the synthetic camera of ``kinran bench merge``)."""
 
 
 @dataclass(frozen=True)
 class Response:
-    """What a sensor makes of electrons.
+    """Response of a sensor: the counts that electrons become.
 
     Attributes
     ----------
@@ -28,10 +28,10 @@ class Response:
     gain
         Counts per electron.
     read
-        Standard deviation of darkness in counts, rounding included.
+        Read noise: standard deviation of darkness in counts, rounding included.
     coding
-        Standard deviation of what encoding adds to a photograph, relative to the signal: the steps of its codes, which
-        grow with the light, and the losses of JPEG. 0 for RAW.
+        Standard deviation, relative to the signal, of the noise that a photograph's encoding adds: the steps of its
+        codes, which grow with the light, and the losses of JPEG. 0 for RAW.
     """
 
     saturation: float
@@ -47,18 +47,18 @@ class Response:
 
 @dataclass(frozen=True)
 class Exposure:
-    """A shutter time.
+    """A calibrated shutter time.
 
     Attributes
     ----------
     nominal_s
         Time on the dial in seconds.
     prior_s
-        The third stop that it means.
+        Third stop in seconds that the nominal time stands for.
     seconds
-        Measured time, relative to the longest, which is at its third stop.
+        Measured time in seconds, where the longest is at its third stop.
     sites
-        Sensor sites that measured it; 0 where none could, and `seconds` follows `prior_s`.
+        Number of sensor sites that it was measured on; 0 where none was fit, and `seconds` follows `prior_s`.
     curtain
         Legendre coefficients of degree 1, 2, … of the exposure over the rows, from the bottom up; none if even.
     """
@@ -77,27 +77,28 @@ class CalibratedCamera:
     Attributes
     ----------
     black : (4,)
-        Counts of darkness of R, G1, G2, B: relative to the mean under the mask if `masked`. (3,) for photographs.
+        Black level of R, G1, G2, B in counts, relative to the mean under the mask if `masked`; (3,) for photographs.
     masked
-        Whether frames have a mask under which darkness is measured each time.
+        Whether frames have a masked border, under which the black level of each is measured.
     response
         Saturation, gain and read noise.
     exposures
-        Longest first.
+        Shutter times, longest first.
     bad : (plane, y, x)
         Hot and dead sites.
     white : (3,)
-        Counts per second of R, G, B of the white plate at θ = 0: π·T = 1.
+        Counts per second of R, G, B on the white plate at θ = 0, where π·T = 1.
     photodiode
-        Its reading while the white plate was shot; None where the rig has none.
+        Reading of the lamp's photodiode while the white plate was shot; None where the rig has none.
     monitor
-        Counts per second that the fabric at θ = 0 gives (`level`) under the lamp that lit the white plate.
+        Level of the fabric at θ = 0 (`calibrate.lamp.level`) in counts per second, under the lamp as it lit the white
+        plate; None where it was not shot.
     flats
         Flat fields, one for each direction in which a white plate was shot.
     glare
-        Share of a picture's mean light that is spread over it.
+        Veiling glare: share of a picture's mean light that lens and camera spread evenly over it.
     prnu
-        Relative standard deviation of the sites' responses.
+        Photo-response non-uniformity: relative standard deviation of the sites' responses.
     """
 
     black: tuple[float, ...]
@@ -113,12 +114,12 @@ class CalibratedCamera:
     prnu: float = 0.0
 
     def exposure(self, nominal: float) -> Exposure:
-        """Calibration of a nominal shutter time.
+        """Return the calibrated exposure of a nominal shutter time in seconds.
 
         Raises
         ------
         InputError
-            It was not calibrated.
+            The time was not calibrated.
         """
         for exposure in self.exposures:
             if abs(exposure.nominal_s - nominal) < 1e-3 * nominal:
@@ -134,15 +135,15 @@ class Patch:
     Attributes
     ----------
     colour : (3,)
-        Colour that was seen, free of glare, by the matrix: linear ACEScg under a white of 1.
+        Measured colour, freed of glare and transformed by the matrix: linear ACEScg under a white of 1.
     reference : (3,)
-        Colour that it should have.
+        Reference colour: linear ACEScg under a white of 1.
     delta_e
-        ΔE00 of a matrix that has not seen the patch.
+        Leave-one-out error: ΔE00 under the matrix that is fitted to the other patches.
     root_delta_e
-        The same of a root polynomial.
+        Leave-one-out error of the root polynomial (Finlayson2015).
     left_out
-        Why no fit uses it; empty where they do.
+        Why the fits leave the patch out; empty where they use it.
     """
 
     colour: tuple[float, float, float]
@@ -165,22 +166,22 @@ class Calibration:
     encoding, crop
         Encoding and crop of photographs; empty for RAW frames.
     camera
-        None for photographs.
+        Camera; None for photographs.
     colour
         Name of the stack's RGB.
     to_acescg : (3, 3)
         Stack RGB (column) to linear ACEScg.
     delta_e
-        ΔE00 of the chart's patches, each left out of the fit in turn; empty for photographs.
+        Leave-one-out ΔE00 of the chart's patches that are used; empty for photographs without a chart.
     patches
-        Which of the 24 patches these are; the others were saturated, hidden or contradicted by the rest.
+        Indices of these among the 24 patches; the others were saturated, hidden or outliers.
     root_polynomial : (3, 6)
-        Where the chart says that it is better than the matrix: stack RGB with its roots to linear ACEScg, as
-        `colour_chart.apply` takes it. Else None.
+        Root polynomial from stack RGB to linear ACEScg (Finlayson2015), as `colour_chart.apply` takes it; None where
+        its leave-one-out error is not clearly lower than the matrix's.
     curve
-        Linear light of the 256 codes of photographs whose response was recovered; else empty.
+        Linear light of the 256 codes of photographs whose response curve was recovered; else empty.
     chart : (24,)
-        All patches, row by row from dark skin; empty for photographs.
+        All patches, row by row from dark skin; empty for photographs without a chart.
     lamp
         Lamp that the chart's reference colours are for; empty for the published ones.
     """
@@ -203,11 +204,11 @@ class Calibration:
 
     @property
     def matrix(self) -> NDArray[np.float64]:
-        """`to_acescg` as an array."""
+        """`to_acescg` as an array (3, 3)."""
         return np.array(self.to_acescg, float)
 
     def noise(self) -> dict[str, Any]:
-        """The noise model for the stack's attributes."""
+        """Return the noise model in the form of the stack's attributes."""
         if self.camera is None:
             return {"kind": "photograph"}
         camera = self.camera
@@ -236,7 +237,7 @@ def read_calibration(path: Path) -> Calibration:
     Raises
     ------
     InputError
-        The file is missing or no calibration.
+        The file is missing, of another version, or not a calibration.
     """
     value = read_json(path)
     try:

@@ -1,4 +1,4 @@
-"""The plan of a capture: which lights there are, which shots in which groups, and in which order."""
+"""The plan of a capture: its lights, and its shots in groups and in order."""
 
 import hashlib
 import json
@@ -23,22 +23,22 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class PlanLight:
-    """One direction of the set.
+    """One light of the plan.
 
     Attributes
     ----------
     index
-        Its place in the radiance stack.
+        Index of the light in the radiance stack.
     name
         Name of its shot.
     theta, phi
-        Polar angle and azimuth in degrees, as the rig is told; φ in [0, 360).
+        Polar angle and azimuth in degrees that the rig moves to; φ in [0, 360).
     direction
         Unit vector at the field's centre, away from the surface.
     grid
         (iθ, iφ) in the plan's grid; None for a list.
     position_mm
-        Where the lamp stands, in millimetres from the field's centre; None when unknown.
+        Position of the lamp in millimetres from the field's centre; None when unknown.
     """
 
     index: int
@@ -52,7 +52,7 @@ class PlanLight:
 
 @dataclass(frozen=True)
 class Shot:
-    """One bracket to be taken.
+    """One shot of the plan: a bracket to be taken.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Shot:
     kind
         ``light``, ``monitor`` (a repeat of the light at θ = 0), ``dark``, ``white`` or ``chart``.
     light
-        Index of its light; None for dark, white and chart.
+        Index of the shot's light; None for dark, white and chart.
     theta, phi
         Pose of the light arm in degrees.
     """
@@ -75,7 +75,7 @@ class Shot:
 
 @dataclass(frozen=True)
 class Group:
-    """Shots taken one after the other: one manifest, one merge job.
+    """A group of shots that are taken one after the other: one manifest, one merge job.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class Group:
     lights
         Indices of the lights whose shards of the stack this group writes.
     shots
-        Its shots, in the order in which they are taken.
+        Shots in the order in which they are taken.
     """
 
     name: str
@@ -94,10 +94,29 @@ class Group:
 
 @dataclass(frozen=True)
 class Plan:
-    """Everything that a capture is to take; lights in the order of their indices.
+    """The plan of a capture.
 
-    A list of photographs (kind ``list``) has the `encoding` of their values and the `crop` X,Y,W,H that
-    is used. `axis_mm` is where the camera's axis meets the fabric, from the middle of that crop.
+    Attributes
+    ----------
+    fabric
+        Name of the fabric.
+    kind
+        ``grid`` for the rig, ``list`` for photographs.
+    exposures_s
+        Nominal exposure times of a bracket in seconds.
+    lights
+        Lights in the order of their indices.
+    groups
+        Groups of shots.
+    duration_s, light_dose_s
+        Predicted duration, and time under the open shutter, in seconds; None for photographs.
+    lamp_mm, field_mm, camera_mm
+        Distances of `kinran.base.distances.Distances`; None when unknown.
+    encoding, crop
+        Encoding of photographs, and the part X,Y,W,H of them that is used; empty for all.
+    axis_mm
+        Point (X, Y) in which the camera's axis meets the fabric, in millimetres from the middle of the crop; None for
+        the middle itself.
     """
 
     fabric: str
@@ -115,12 +134,12 @@ class Plan:
     axis_mm: tuple[float, float] | None = None
 
     def group(self, name: str) -> Group:
-        """The group of this name.
+        """Return the group of this name.
 
         Raises
         ------
         InputError
-            There is none.
+            The plan has no such group.
         """
         for group in self.groups:
             if group.name == name:
@@ -130,7 +149,7 @@ class Plan:
 
     @property
     def sha256(self) -> str:
-        """Digest of the plan's content."""
+        """SHA-256 of the plan's content, in hexadecimal."""
         text = json.dumps(_as_json(self), sort_keys=True, ensure_ascii=False, allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()
 
@@ -154,7 +173,7 @@ def read_plan(path: Path) -> Plan:
     Raises
     ------
     InputError
-        The file is missing, was edited, or does not hold together.
+        The file is missing, of another version, edited, or inconsistent.
     """
     value = read_json(path)
     stamp = fitted(path, value, _Stamp, "a plan")
@@ -169,7 +188,7 @@ def read_plan(path: Path) -> Plan:
 
 
 def check_plan(path: Path, plan: Plan) -> None:
-    """Check that a plan holds together.
+    """Check that a plan is consistent.
 
     Raises
     ------
@@ -203,11 +222,11 @@ def _as_json(plan: Plan) -> dict[str, Any]:
     plan = msgspec.convert(asdict(plan), Plan)  # 600 is 600.0, as it will be when the plan is read
     value = {"version": VERSION, **asdict(plan)}
     for key in ("camera_mm", "axis_mm"):
-        if value[key] is None:  # plans of before keep their digests
+        if value[key] is None:  # plans that were written without these keys keep their digests
             del value[key]
     return value
 
 
 def list_group_names(count: int) -> list[str]:
-    """Names of the groups of a list of `count` lights."""
+    """Return the names of the groups of a list of `count` lights."""
     return [f"{k:02d}" for k in range(math.ceil(count / LIST_GROUP))]

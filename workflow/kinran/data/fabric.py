@@ -1,4 +1,4 @@
-"""A fabric's folder: what the stages after the merge know of it."""
+"""A fabric's folder: the measured data that the stages after the merge read."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,7 +13,7 @@ from kinran.data.radiance_stack import Stack
 class Fabric:
     """Measured fabric in a folder: ``radiance.zarr``, ``labels.exr``, ``regions.json``.
 
-    Each is read when it is first asked for.
+    Each file is read on first use.
 
     Raises
     ------
@@ -57,10 +57,10 @@ class Fabric:
 
     @cached_property
     def second(self) -> LabelMap:
-        """Region (y, x) that shares each texel; the label again where none does."""
+        """Region (y, x) that shares each texel; the texel's own label where none does."""
         return read_second(self.labels_path)
 
     @cached_property
     def regions(self) -> list[Region]:
-        """What is known of each region."""
+        """Regions of the label map."""
         return read_regions(self.regions_path)

@@ -1,4 +1,4 @@
-"""The flat field: how lens and lamp light the picture, from a white plate; smooth, and for each light direction."""
+"""The flat field: the smooth fall of light over the picture by lens and lamp, for each direction of the light."""
 
 import math
 from dataclasses import dataclass
@@ -14,9 +14,10 @@ Array = NDArray[np.float64]
 DEGREE = 4
 """Degree of the surface: the light of a lens falls with the fourth power of the cosine of the field angle."""
 PAIRS = tuple((i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i))
-"""Degrees in y and x of the products."""
+"""Degrees in y and x of the Legendre products."""
 LEAST = 0.1
-"""A flat field under this is no measurement: what it would brighten so much is flagged as a defect."""
+"""Least value of a flat field that is divided by: a sample that it would brighten more than tenfold is flagged as a
+defect. No measurement stands behind it."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class Flat:
     coefficients: tuple[tuple[float, ...], ...]
 
     def values(self, height: int, width: int, rows: slice = slice(None)) -> Image:
-        """(height, width, 3), or some rows of it."""
+        """Return the flat field (height, width, 3), or the given rows of it."""
         along_y, along_x = (legendre.legvander(centres(n), DEGREE) for n in (height, width))
         grid = np.zeros((3, DEGREE + 1, DEGREE + 1))
         for pair, value in zip(PAIRS, np.transpose(self.coefficients), strict=True):
@@ -46,7 +47,7 @@ class Flat:
 
 
 def nearest(flats: tuple[Flat, ...], theta: float, phi: float) -> Flat | None:
-    """The flat field whose light comes from the direction nearest to this one (degrees); None if there are none."""
+    """Return the flat field whose light direction is nearest to this one (degrees); None if there is none."""
 
     def between(flat: Flat) -> float:
         a, b = math.radians(flat.theta), math.radians(theta)
@@ -57,12 +58,15 @@ def nearest(flats: tuple[Flat, ...], theta: float, phi: float) -> Flat | None:
 
 
 def divide(picture: Radiance, flat: Image) -> Radiance:
-    """Picture (y, x, 3) over its flat field; where that is no number or too small, 0 and flagged as a defect."""
+    """Divide a picture (y, x, 3) by its flat field (y, x, 3).
+
+    Where that is not finite or not over `LEAST`, the value is 0 and flagged as a defect.
+    """
     good = np.isfinite(flat) & (flat > LEAST)
     value = np.where(good, picture.value / np.where(good, flat, 1), 0)
     return Radiance(value.astype(np.float32), picture.flags | np.where(good, 0, HOT).astype(np.uint8))
 
 
 def centres(count: int) -> Array:
-    """(count,) places of texels, from -1 to 1."""
+    """Return the places (count,) of texel centres along a side that runs from -1 to 1."""
     return (np.arange(count) + 0.5) / count * 2 - 1

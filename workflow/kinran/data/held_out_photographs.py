@@ -1,4 +1,4 @@
-"""Photographs under the lights that no fit has seen: what materials and methods are judged by."""
+"""Photographs under the held-out lights, by which materials and methods are judged."""
 
 from dataclasses import dataclass
 
@@ -20,11 +20,13 @@ class HeldOut:
     Attributes
     ----------
     lights
-        The held-out lights, and their `use` (light,) in the stack.
+        Held-out lights.
+    use : (light,) int
+        Indices of these lights in the stack.
     truth : (light, y, x, 3) float32
-        In the stack's unit, as measured; 0 for what cannot be judged by.
+        Measured radiance in the stack's unit; 0 where `valid` is 0.
     valid : (light, y, x, 3) float32
-        1 for samples that can be judged by.
+        1 for sound samples; 0 for defective and shifted ones and, in radiance, saturated ones.
     coder
         Encoding of photographs; None for radiance.
     peak
@@ -40,7 +42,7 @@ class HeldOut:
 
     @classmethod
     def read(cls, stack: Stack, box: Box | None = None) -> "HeldOut":
-        """Photographs of a stack, or of a box of its texels."""
+        """Read the held-out photographs of a stack, or of a box (y0, y1, x0, x1) of its texels."""
         use = np.flatnonzero(stack.held_out)
         top, bottom, left, right = box or (0, stack.height, 0, stack.width)
         truth = np.zeros((len(use), bottom - top, right - left, 3), np.float32)
@@ -57,11 +59,11 @@ class HeldOut:
 
     @property
     def share(self) -> NDArray[np.float64]:
-        """Share (light,) of the sphere that each light of a grid stands for; those of a list count alike."""
+        """Relative solid angle (light,) that each light of a grid stands for, sin θ; 1 for the lights of a list."""
         if not all(light.grid for light in self.lights):
             return np.ones(len(self.lights))
         return np.array([max(1 - light.direction[2] ** 2, 0.0) ** 0.5 for light in self.lights])
 
     def shown(self, light: Images) -> Images:
-        """Light as it is displayed."""
+        """Return light as values for display, as `metrics.to_display` does."""
         return metrics.to_display(light, self.coder, self.peak)

@@ -1,17 +1,18 @@
-"""Which lights are held out: kept from every fit, so that a material can be judged under them."""
+"""The rule that holds lights out: they are kept from every fit, so that a material can be judged under them."""
 
 from collections.abc import Sequence
 
 from kinran.base.files import InputError
 
 LEAST = 4
-"""Fewest lights that are fitted: the normal and the albedo of a matt surface alone have three unknowns."""
+"""Fewest lights to fit: normal and albedo of a matt surface are three unknowns already."""
 
 
 def held_out(grid: Sequence[tuple[int, int] | None], every: int, where: object) -> set[int]:
-    """Indices of the lights to hold out.
+    """Return the indices of the lights to hold out.
 
-    Of a grid those with (iθ + iφ) mod `every` = `every` // 2, but never θ = 0; of a list every `every`-th.
+    In a grid these are the lights with (iθ + iφ) mod `every` = `every` // 2, but never θ = 0; in a list, every
+    `every`-th light.
 
     Parameters
     ----------

@@ -13,8 +13,8 @@ LabelMap = NDArray[np.uint16]
 """Region (y, x) of each texel."""
 
 MIXED = 0.8
-"""Share of its region below which a texel is mixed: `segment.mahalanobis.membership` knows the share at the virtual
-fabric's edges to 0.10 in the mean, so that two errors lie between this and an unmixed texel."""
+"""Share of its label's region below which a texel counts as mixed. `segment.mahalanobis.membership` estimates the share
+at the virtual fabric's edges with a mean error of 0.10, so that two errors lie between this and an unmixed texel."""
 
 
 @dataclass(frozen=True)
@@ -24,15 +24,15 @@ class Region:
     Attributes
     ----------
     label
-        Its value in the label map.
+        Value of the region in the label map.
     name
-        What it looks like, such as ``gold`` or ``red``; unique in a fabric.
+        Name by the region's look, such as ``gold`` or ``red``; unique in a fabric.
     texels
-        How many it has.
+        Number of texels.
     colour
-        Mean linear Rec. 709 colour over the lights, for people.
+        Mean linear Rec. 709 colour over the lights, for display.
     shininess
-        ln of the 98th over the 40th percentile of luminance over the lights, median of its texels.
+        Median over the texels of ln(p98 / p40), percentiles of luminance over the lights.
     """
 
     label: int
@@ -70,7 +70,7 @@ def read_labels(path: Path) -> LabelMap:
 
 
 def read_second(path: Path) -> LabelMap:
-    """Read which region shares each texel (y, x), where it has more than a fifth of it; elsewhere the label again."""
+    """Read the region (y, x) that shares each texel by more than 1 − `MIXED`; the texel's own label where none does."""
     share = read_channel(path, "membership", np.float16)
     return np.where(share < MIXED, read_channel(path, "second", np.uint16), read_labels(path))
 

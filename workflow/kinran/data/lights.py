@@ -1,4 +1,4 @@
-"""The lights of a set: where they stand, the grid that they may lie on, and the `.lp` files in which they come."""
+"""The lights of a set: their directions and positions, the grid that they may lie on, and `.lp` files."""
 
 import math
 import re
@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from kinran.base.files import InputError
 
 SUFFIX = re.compile(r"[.][A-Za-z]{3,4}[\"']?$")
-"""End of an image's name."""
+"""Pattern of an image's suffix at the end of a word."""
 SCATTERED = 5.0, 15.0
-"""Degrees in θ_i and φ_i within which lights that lie on no grid count as one row and one meridian. They are meant to
-find a few lights in the domes of RTI sets, of 30 to 100 lights; no measurement stands behind them."""
+"""Degrees in θ_i and φ_i within which lights that lie on no grid count as one row and one meridian: a choice that finds
+a few lights in RTI domes of 30 to 100. No measurement stands behind it."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +29,11 @@ class Light:
     direction
         Unit vector from the field's centre, away from the surface.
     position_mm
-        Where the lamp stands, in millimetres from the field's centre; None when unknown.
+        Position of the lamp in millimetres from the field's centre; None when unknown.
     grid
         (iθ, iφ) in the plan's grid; None in a list.
     held_out
-        Whether it is kept from every fit, for evaluation.
+        Whether the light is kept from every fit, for evaluation.
     """
 
     name: str
@@ -50,13 +50,13 @@ class LpLight:
     Attributes
     ----------
     name
-        Stem of its image's name.
+        Stem of the image's name.
     direction
         Unit vector at the field's centre, away from the surface.
     file
-        Name of its image as the `.lp` gives it; empty for a shot of the rig.
+        Name of the image in the `.lp`; empty for a shot of the rig.
     folder
-        Folder of its image, from that of the `.lp`, where this names one beside it; else empty.
+        Folder of the image relative to that of the `.lp`, where the `.lp` names one beside it; else empty.
     length
         Length of the vector in the `.lp`, which may be a position in a unit that the file does not state.
     """
@@ -69,12 +69,12 @@ class LpLight:
 
 
 def directions(lights: Sequence[Light | LpLight]) -> NDArray[np.float64]:
-    """Unit directions of lights, (n, 3)."""
+    """Return the unit directions (n, 3) of lights."""
     return np.array([light.direction for light in lights], float).reshape(-1, 3)
 
 
 def half_steps(lights: Sequence[Light]) -> tuple[float, float]:
-    """Half a step in θ_i and φ_i, in radians, of the grid of all lights of a set; `SCATTERED` where there is none.
+    """Return half a step in θ_i and φ_i, in radians, of the grid of all lights; `SCATTERED` where there is no grid.
 
     φ gets 2 % more: with an odd number of meridians, both neighbours of the opposite azimuth count.
     """
@@ -89,14 +89,14 @@ def half_steps(lights: Sequence[Light]) -> tuple[float, float]:
 def read_lp(path: Path) -> list[LpLight]:
     """Read a `.lp` file: the number of lights, then a line ``file x y z`` for each.
 
-    File names may hold spaces, quotes and folders (either slash), of which those of another machine do not count.
-    Lines that begin with # are comments. Vectors of any length are accepted: directions with that length.
+    File names may hold spaces, quotes and folders (either slash); folders of another machine are ignored. Lines that
+    begin with # are comments. Vectors may have any length, which is kept beside their direction.
 
     Raises
     ------
     InputError
-        The count is wrong, a vector is zero, not finite or under the horizon, a line has more numbers than a vector,
-        or a name stands twice.
+        The file cannot be read, the count is wrong, a vector is zero, not finite or under the horizon, a line has more
+        numbers than a vector, or a name stands twice.
     """
     try:
         lines = _text(path.read_bytes()).splitlines()
@@ -124,7 +124,7 @@ def read_lp(path: Path) -> list[LpLight]:
 
 
 def _text(data: bytes) -> str:
-    """Text in UTF-8, in UTF-16 with its mark, or as older programs of Windows write it."""
+    """Decode UTF-8, UTF-16 with a byte order mark, or else Windows-1252."""
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return data.decode("utf-16")
     try:
@@ -168,7 +168,7 @@ def write_lp(path: Path, lights: list[LpLight]) -> None:
 
 
 def lp_file(folder: Path) -> Path:
-    """The one `.lp` file of a folder.
+    """Return the only `.lp` file of a folder.
 
     Raises
     ------

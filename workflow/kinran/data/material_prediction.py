@@ -12,12 +12,25 @@ from kinran_bsdf.residual import relit
 
 
 def predict(material: Material, stack: Stack, box: Box, lights: NDArray[np.intp]) -> NDArray[np.float32]:
-    """Radiance that a material predicts for a tile of the stack under these of its lights.
+    """Predict the radiance of a tile of a stack.
+
+    Where `texel_directions.matters`, each texel has its own directions of light and view, and the lamps' falloff.
+
+    Parameters
+    ----------
+    material
+        Material of the whole fabric.
+    stack
+        The stack.
+    box
+        The tile (y0, y1, x0, x1) in texels.
+    lights : (light,) int
+        Indices of lights of the stack.
 
     Returns
     -------
     (light, y, x, 3) float32
-        Radiance in the stack's unit; where distances matter, each texel is seen under its own lights.
+        Radiance in the stack's unit.
     """
     y0, y1, x0, x1 = box
     part = material.part(slice(y0, y1), slice(x0, x1))

@@ -1,4 +1,4 @@
-"""What a scene needs of a fabric: what later stages take from the file that `kinran need` writes."""
+"""The need of a scene: the part of the file of `kinran need` that later stages read."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,8 +9,8 @@ from kinran.base.files import InputError, read_as
 from kinran.data.labels import LabelMap
 
 SHOWN = 1e-3
-"""Least share of the cloth's pixels from which a region counts as shown: 250 pixels where it fills a picture of 500 ×
-500. No measurement stands behind the share."""
+"""Least share of the cloth's pixels from which a region counts as shown: 250 pixels where the cloth fills a picture of
+500 × 500. No measurement stands behind it."""
 
 
 @dataclass(frozen=True)
@@ -23,12 +23,12 @@ class SeenRegion:
 
 @dataclass(frozen=True)
 class Footprint:
-    """What a pixel covers of the cloth.
+    """Area of the cloth that a pixel covers.
 
     Attributes
     ----------
     coarsest_factor
-        Texels along a side that can be averaged to one without anybody seeing it.
+        Most texels along a side whose average the scene's camera cannot tell from them.
     """
 
     coarsest_factor: int
@@ -36,37 +36,37 @@ class Footprint:
 
 @dataclass(frozen=True)
 class Need:
-    """What a scene needs of a fabric; the file says more, for people."""
+    """Need of a scene for a fabric; the file holds more, for readers."""
 
     regions: tuple[SeenRegion, ...]
     footprint: Footprint
 
 
 def read_need(path: Path) -> Need:
-    """Read what a scene needs.
+    """Read the need of a scene.
 
     Raises
     ------
     InputError
-        The file is missing or is something else.
+        The file is missing or is not the need of a scene.
     """
     return read_as(path, Need, "what a scene needs", "make it with kinran need")
 
 
 def needed_labels(path: Path, labels: LabelMap) -> list[int]:
-    """Labels of the regions that need a lobe.
+    """Return the sorted labels of the regions that need a lobe.
 
     Parameters
     ----------
     path
-        What the scene needs (.json).
+        Need of the scene (.json).
     labels : (y, x) int
         Label map of the fabric.
 
     Raises
     ------
     InputError
-        The file is missing, is something else, or was made for another label map.
+        The file is missing, is not the need of a scene, or was made for another label map.
     """
     rows = {region.label: region.needed for region in read_need(path).regions}
     if unknown := set(np.unique(labels).tolist()) - rows.keys():

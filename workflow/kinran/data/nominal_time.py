@@ -1,4 +1,4 @@
-"""Nominal exposure times: what a camera wrote into a file, and what a person wrote into its name."""
+"""Nominal exposure times, from a file's EXIF or from its name."""
 
 import re
 from pathlib import Path
@@ -10,16 +10,16 @@ from kinran.data.raw import is_raw
 EXIF, TIME = 0x8769, 0x829A
 """Tags of EXIF: the directory of the exposure, and ExposureTime in it."""
 IN_NAME = re.compile(r"_(?:(1)-(\d+)|(\d+(?:\.\d+)?)(m?))s(?=_|$)")
-"""``_1-250s``, ``_0.004s`` or ``_4ms``, at the end of a name or before another ``_``."""
+"""Pattern of a time in a name: ``_1-250s``, ``_0.004s`` or ``_4ms``, at its end or before another ``_``."""
 
 
 def nominal_seconds(path: Path) -> float:
-    """Nominal exposure time in seconds, from EXIF or else from the file's name; 0 where neither has one."""
+    """Return the nominal exposure time in seconds from EXIF, or else from the file's name; 0 where neither has one."""
     return exif_seconds(path) or time_in_name(path.stem)
 
 
 def exif_seconds(path: Path) -> float:
-    """Nominal exposure time in seconds; 0 where the file has none."""
+    """Return the nominal exposure time in seconds of a file's EXIF; 0 where it has none."""
     if is_raw(path):
         return _raw(path)
     try:
@@ -42,7 +42,7 @@ def _raw(path: Path) -> float:
 
 
 def time_in_name(stem: str) -> float:
-    """Seconds in a file's name: ``cloth_25ms``, ``cloth_0.004s_2``, ``cloth_1-250s``; 0 if there are none."""
+    """Return the seconds in a name such as ``cloth_25ms``, ``cloth_0.004s_2`` or ``cloth_1-250s``; 0 without any."""
     found = IN_NAME.search(stem)
     if not found:
         return 0.0

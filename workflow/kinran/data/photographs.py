@@ -20,7 +20,7 @@ from kinran.data.raw import RAW, is_raw, raw_size
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr")
 """Suffixes of photographs."""
 CLIPPED = 254 / 255
-"""Value from which on a sample is saturated: the last code but one, since a JPEG's white is not always its last."""
+"""Encoded value from which a sample is saturated: the last code but one, since white in a JPEG may miss the last."""
 
 Pillow.MAX_IMAGE_PIXELS = None  # sizes are checked against the header before memory is taken
 
@@ -39,12 +39,12 @@ class Crop:
 
 
 def parse_crop(text: str) -> Crop | None:
-    """Crop of ``X,Y,W,H``; None for an empty text.
+    """Parse a crop ``X,Y,W,H``; return None for an empty text.
 
     Raises
     ------
     InputError
-        The text is not four whole numbers, or they are no part of a picture.
+        The text is not four whole numbers, or they are out of range.
     """
     if not text:
         return None
@@ -58,9 +58,9 @@ def parse_crop(text: str) -> Crop | None:
 
 
 def find(folder: Path, lights: list[LpLight]) -> dict[str, Path]:
-    """Image of each light, by the light's name; suffix and capitals in the `.lp` need not be those of the file.
+    """Find the image of each light, by the light's name; suffix and case may differ from those in the `.lp`.
 
-    It lies in the folder, or in the one beside the `.lp` that this names.
+    It lies in the folder, or in a folder beside the `.lp` that the `.lp` names.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def find(folder: Path, lights: list[LpLight]) -> dict[str, Path]:
 
 
 def _images(folder: Path) -> dict[str, list[Path]]:
-    """Images of a folder by their stems without capitals; none where there is no folder."""
+    """Return the images of a folder by their case-folded stems; none where there is no folder."""
     by_stem: dict[str, list[Path]] = {}
     for path in sorted(folder.iterdir()) if folder.is_dir() else []:
         if path.suffix.lower() in SUFFIXES:
@@ -96,9 +96,9 @@ def _images(folder: Path) -> dict[str, list[Path]]:
 
 
 def find_frames(folder: Path, lights: list[LpLight]) -> dict[str, list[Path]]:
-    """Frames of each light, by the light's name: its one image, or its bracket.
+    """Find the frames of each light, by the light's name: its only image, or its bracket.
 
-    A bracket is all the images in a folder of the light's name, or those named after it: ``NAME_25ms.tif``,
+    A bracket is all images in a folder of the light's name, or those that are named after it: ``NAME_25ms.tif``,
     ``NAME_1-250s.png``, ``NAME_1.cr2``.
 
     Raises
@@ -131,12 +131,12 @@ def find_frames(folder: Path, lights: list[LpLight]) -> dict[str, list[Path]]:
 
 
 def size(path: Path) -> tuple[int, int]:
-    """Width and height from the header alone; of RAW files in superpixels.
+    """Return width and height in pixels (of RAW files: superpixels), from the header alone where there is one.
 
     Raises
     ------
     InputError
-        The file is no image that can be read.
+        The file cannot be read as an image.
     """
     if is_raw(path):
         return raw_size(path)
@@ -155,7 +155,9 @@ def size(path: Path) -> tuple[int, int]:
 
 
 def read(path: Path, encoding: Encoding, crop: Crop | None = None) -> Radiance:
-    """Linear light (y, x, 3) of a photograph, of which 1 is the encoding's white. An EXR is taken as it is.
+    """Read a photograph as linear light (y, x, 3), row 0 at the bottom, in units of the encoding's white.
+
+    Values in floating point (EXR, TIFF) are taken as they are, without flags.
 
     Raises
     ------
@@ -177,7 +179,7 @@ def read(path: Path, encoding: Encoding, crop: Crop | None = None) -> Radiance:
 
 
 def _values(path: Path) -> tuple[NDArray[np.generic], int]:
-    """Values (y, x, 3), top row first, and the value of white (0 for floating point)."""
+    """Read the values (y, x, 3), top row first, and the value of white (0 for floating point)."""
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     try:
@@ -191,7 +193,7 @@ def _values(path: Path) -> tuple[NDArray[np.generic], int]:
                 return np.stack([channels[name] for name in "RGB"], -1), 0
             if path.suffix.lower() in (".tif", ".tiff"):
                 values = np.asarray(tifffile.imread(path))
-            elif path.suffix.lower() == ".png":  # Pillow takes 16-bit colour down to 8 bit without a word
+            elif path.suffix.lower() == ".png":  # Pillow reduces 16-bit colour to 8 bit silently
                 values = np.asarray(imagecodecs.png_decode(path.read_bytes()))
             else:
                 with Pillow.open(path) as image:
@@ -199,7 +201,7 @@ def _values(path: Path) -> tuple[NDArray[np.generic], int]:
                     values = np.asarray(image.convert(mode) if mode else image)
     except InputError:
         raise
-    except Exception as error:  # decoders raise what they like on a broken file
+    except Exception as error:  # decoders raise errors of any kind on a broken file
         raise InputError(f"{path}: is truncated or broken ({error}); replace it") from None
     if values.ndim == 2 or values.shape[2] == 2:  # grey, and grey with alpha
         values = values.reshape(*values.shape[:2], -1)[..., :1].repeat(3, -1)

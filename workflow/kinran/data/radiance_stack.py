@@ -1,8 +1,8 @@
-"""The radiance stack: what the merged photographs of a fabric say, as a Zarr v3 group.
+"""The radiance stack: the merged photographs of a fabric, as a Zarr v3 group.
 
-`radiance` float16 and `flags` uint8, both (light, y, x, channel), row 0 is v = 0. One shard holds 8 lights,
-so that a merge job writes whole files: `write_shards` those of a group, `write_metadata` what makes them a
-stack.
+Its arrays are `radiance` float16 and `flags` uint8, both (light, y, x, channel); row 0 is v = 0. One shard holds 8
+lights, so that a merge job writes whole files. `write_shards` writes the shards of a group, `write_metadata` the
+metadata that complete the stack.
 """
 
 import math
@@ -27,14 +27,14 @@ from kinran.data.shards import NAMES, SHARD, shard_path
 Box = tuple[int, int, int, int]
 
 CHUNK = 64
-"""Side of a chunk in texels: what a fit reads at a time."""
+"""Side of a chunk in texels: a fit reads one chunk at a time."""
 LARGEST = float(np.finfo(np.float16).max)
 """Largest value that a stack holds."""
 
 
 @dataclass(frozen=True)
 class Metadata:
-    """What is known of a radiance stack beside its samples; it makes shards a stack.
+    """Metadata of a radiance stack.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Metadata:
     noise
         Parameters of the noise model.
     camera_mm
-        Where the camera's centre stands, in millimetres from the field's centre; None when unknown.
+        Position of the camera's centre of projection in millimetres from the field's centre; None when unknown.
     """
 
     lights: tuple[Light, ...]
@@ -72,14 +72,14 @@ class Metadata:
 
 @dataclass(frozen=True, kw_only=True)
 class Stack(Metadata):
-    """A radiance stack that can be read.
+    """A radiance stack on disk.
 
     Attributes
     ----------
     path
-        Folder.
+        Folder of the stack.
     unit
-        What 1 means.
+        Meaning of a value of 1.
     """
 
     path: Path
@@ -93,7 +93,7 @@ class Stack(Metadata):
         Raises
         ------
         InputError
-            It is not there, or its metadata is not that of a stack.
+            The folder is not a stack, or its metadata are damaged.
         """
         import zarr
 
@@ -121,16 +121,16 @@ class Stack(Metadata):
 
     @property
     def held_out(self) -> NDArray[np.bool_]:
-        """(light,) whether each light is held out."""
+        """Whether each light (light,) is held out."""
         return np.array([light.held_out for light in self.lights], bool)
 
     @property
     def directions(self) -> NDArray[np.float64]:
-        """(light, 3) unit vectors."""
+        """Unit directions (light, 3) of the lights."""
         return np.array([light.direction for light in self.lights], float).reshape(-1, 3)
 
     def tiles(self, side: int = CHUNK) -> list[Box]:
-        """Boxes (y0, y1, x0, x1) that cover the stack, in rows from v = 0; chunks by default."""
+        """Return boxes (y0, y1, x0, x1) that cover the stack, in rows from v = 0; chunks by default."""
         return [
             (y, min(y + side, self.height), x, min(x + side, self.width))
             for y in range(0, self.height, side)
@@ -138,7 +138,7 @@ class Stack(Metadata):
         ]
 
     def read_tile(self, y0: int, y1: int, x0: int, x1: int, lights: ArrayLike | None = None) -> Radiance:
-        """Radiance (light, y, x, 3) of a tile under all lights, or under those of these indices.
+        """Read the radiance (light, y, x, 3) of a tile under all lights, or under the lights of these indices.
 
         Raises
         ------
@@ -151,22 +151,22 @@ class Stack(Metadata):
     def read_stored(
         self, y0: int, y1: int, x0: int, x1: int, lights: ArrayLike | None = None
     ) -> tuple[NDArray[np.float16], Flags]:
-        """Values, in half precision as they lie in the stack, and flags of `read_tile`."""
+        """Read values, in half precision as stored, and flags; parameters and errors as in `read_tile`."""
         use = np.arange(len(self.lights)) if lights is None else np.asarray(lights, np.intp)
         for name, shard in product(NAMES, np.unique(use // SHARD).tolist()):
             if not shard_path(self.path, name, shard).is_file():
                 raise InputError(f"{shard_path(self.path, name, shard)}: is missing; merge its group")
-        # whole chunks of 8 lights are decoded in any case: read the run of them, then take what is asked for
+        # whole chunks of 8 lights are decoded in any case: read all from the first to the last, then select
         first, last = (use.min() // SHARD * SHARD, use.max() + 1) if use.size else (0, 0)
         try:
             radiance, flags = (array[first:last, y0:y1, x0:x1] for array in self._arrays)
-        except Exception as error:  # Zarr and its codecs raise what they like on a broken shard
+        except Exception as error:  # Zarr and its codecs raise errors of any kind on a broken shard
             raise InputError(f"{self.path}: a shard is damaged ({error}); merge its group again") from None
         return np.asarray(radiance, np.float16)[use - first], np.asarray(flags, np.uint8)[use - first]
 
 
 def write_shards(folder: Path, first: int, radiance: Radiance) -> list[Path]:
-    """Write the shards of neighbouring lights; each file appears whole.
+    """Write the shards of neighbouring lights, each file whole.
 
     Parameters
     ----------
@@ -175,13 +175,13 @@ def write_shards(folder: Path, first: int, radiance: Radiance) -> list[Path]:
     first
         Index of the first light, a multiple of 8.
     radiance : (light, y, x, 3)
-        Values over the range of float16 are cut to it and flagged as saturated; what is not finite becomes 0,
-        flagged as hot.
+        Radiance in the stack's unit. Values over the range of float16 are clipped to it and flagged as saturated;
+        values that are not finite become 0 and are flagged as hot.
 
     Returns
     -------
     list of Path
-        The files.
+        Files that were written.
     """
     shape, of_flags = radiance.value.shape, radiance.flags.shape
     if first % SHARD or shape != of_flags or len(shape) != 4 or shape[-1] != 3:
@@ -193,9 +193,9 @@ def write_shards(folder: Path, first: int, radiance: Radiance) -> list[Path]:
 
 
 class ShardWriter:
-    """Takes the pictures of neighbouring lights one after the other, then writes their shards.
+    """Writer of the shards of neighbouring lights, which takes their pictures one by one.
 
-    What it is given goes to a scratch file beside the stack, so that a picture is all that it holds in memory.
+    The pictures go to a scratch file beside the stack, so that only one is in memory.
     """
 
     def __init__(self, folder: Path, height: int, width: int) -> None:
@@ -213,7 +213,7 @@ class ShardWriter:
         self._context.__exit__(*error)
 
     def add(self, picture: Radiance) -> None:
-        """Add a picture (y, x, 3), whose values are cut as `write_shards` says."""
+        """Add a picture (y, x, 3), whose values are clipped as in `write_shards`."""
         shape, of_flags = picture.value.shape, picture.flags.shape
         if shape != (*self._size, 3) or of_flags != shape:
             raise ValueError(f"{shape} and {of_flags} are no pictures of {self._size}")
@@ -224,7 +224,7 @@ class ShardWriter:
         self._lights += 1
 
     def write(self, first: int) -> list[Path]:
-        """Write the shards, of which `first` is the first light; returns the files."""
+        """Write the shards, of which `first` is the first light; return the files."""
         shape = (self._lights, *self._size, 3)
         written = []
         for name, dtype in zip(NAMES, ("float16", "uint8"), strict=True):
@@ -242,7 +242,7 @@ class ShardWriter:
 
 
 def _half(radiance: Radiance) -> tuple[NDArray[np.float16], Flags]:
-    """Values as float16 within its range, with flags for those that are outside."""
+    """Return values as float16, clipped to its range, and flags that mark those outside."""
     values, flags = np.asarray(radiance.value, np.float32), radiance.flags
     finite = np.isfinite(values)
     over = np.abs(values) > LARGEST
@@ -251,7 +251,7 @@ def _half(radiance: Radiance) -> tuple[NDArray[np.float16], Flags]:
 
 
 def write_metadata(folder: Path, metadata: Metadata) -> None:
-    """Write what makes shards a stack."""
+    """Write the metadata that complete a stack, after its shards."""
     attributes = {
         "lights": [asdict(light) for light in metadata.lights],
         "height": metadata.height,
@@ -271,14 +271,14 @@ def write_metadata(folder: Path, metadata: Metadata) -> None:
         shape = (len(metadata.lights), metadata.height, metadata.width, 3)
         for name, dtype in zip(NAMES, ("float16", "uint8"), strict=True):
             _create(scratch, name, shape, dtype)
-        for name in (*NAMES, "."):  # the group last: with it the stack is there
+        for name in (*NAMES, "."):  # the group last: it completes the stack
             with atomic(folder / name / "zarr.json") as temporary:
                 shutil.copyfile(scratch / name / "zarr.json", temporary)
 
 
 @contextmanager
 def _scratch(folder: Path) -> Iterator[Path]:
-    """A temporary folder on the same disk, so that its files can be renamed into `folder`."""
+    """Make a temporary folder on the same disk, so that its files can be renamed into `folder`."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(prefix=".part-", dir=folder))
@@ -310,7 +310,7 @@ def _create(folder: Path, name: str, shape: tuple[int, ...], dtype: str) -> Any:
 
 
 def unit_of(encoding: str, noise: dict[str, Any]) -> str:
-    """What 1 means in a stack."""
+    """Return the meaning of a value of 1 in a stack of this encoding and noise model."""
     if encoding:
         return "1 is the encoding's white"
     if noise.get("white") == "longest exposure":

@@ -14,13 +14,13 @@ from kinran.base.files import InputError
 RAW = {".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef"}
 """Suffixes of RAW files."""
 TURNS = {3: 2, 5: 1, 6: 3}
-"""Quarter turns of the codes that LibRaw has for a camera that was held on its side."""
+"""Quarter turns, counterclockwise, of LibRaw's codes for a camera that was held on its side."""
 REC709_TO_XYZ = np.array(
     [[0.412453, 0.357580, 0.180423], [0.212671, 0.715160, 0.072169], [0.019334, 0.119193, 0.950227]]
 )
 """Linear Rec. 709 to CIE XYZ under D65 (ITU-R BT.709)."""
 LEAST_MASK = 256
-"""Sites under a mask above the picture that are enough to measure darkness."""
+"""Fewest masked sites above the picture on which the black level is measured: their mean has 1/16 of the read noise."""
 
 
 @dataclass(frozen=True)
@@ -32,15 +32,15 @@ class RawFrame:
     planes
         (4, y, x) uint16 counts of the sites R, G1 (in R's rows), G2 (in B's rows) and B; row 0 is v = 0.
     black
-        Count of darkness: the mean under the sensor's mask where it has one, else what the file says.
+        Black level in counts: the mean under the sensor's mask where it has one, else the file's.
     masked
         Whether `black` was measured under a mask.
     white
-        Count of saturation as the file says; cameras are often wrong about it.
+        Saturation level in counts of the file, which is often wrong.
     seconds
-        Shutter time of EXIF, which is nominal; 0 if it is not there.
+        Nominal shutter time of EXIF in seconds; 0 if it is missing.
     iso, aperture
-        ISO and aperture of EXIF; 0 if they are not there.
+        ISO and aperture (f-number) of EXIF; 0 if they are missing.
     turns
         Quarter turns, counterclockwise, that bring the picture upright. The planes lie as the sensor does.
     """
@@ -56,36 +56,36 @@ class RawFrame:
 
 
 def is_raw(path: Path) -> bool:
-    """Whether the name is that of a RAW file."""
+    """Return whether a file has the suffix of a RAW file."""
     return path.suffix.lower() in RAW
 
 
 def raw_size(path: Path) -> tuple[int, int]:
-    """Width and height of the planes of a RAW file.
+    """Return width and height of the planes of a RAW file.
 
     Raises
     ------
     InputError
-        It cannot be read.
+        The file cannot be read.
     """
     with _opened(path) as raw:
         return raw.sizes.width // 2, raw.sizes.height // 2
 
 
 def camera_matrix(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """What the file says of its camera's colours.
+    """Return the daylight white and the colour matrix that a RAW file states for its camera.
 
     Returns
     -------
     white : (3,) float
-        R, G, B of daylight, of which G is 1.
+        R, G, B of daylight (D65), relative to G.
     to_rec709 : (3, 3) float
-        Linear Rec. 709 of R, G, B that are relative to that; the identity where the file says nothing.
+        Matrix from R, G, B relative to `white` to linear Rec. 709; the identity where the file states none.
 
     Raises
     ------
     InputError
-        It cannot be read.
+        The file cannot be read.
     """
     with _opened(path) as raw:
         from_xyz = np.array(raw.rgb_xyz_matrix[:3], float)
@@ -136,7 +136,7 @@ def read_raw(path: Path) -> RawFrame:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """The file as LibRaw reads it; what goes wrong while it is open is said of the file."""
+    """Open a file with LibRaw, whose errors become `InputError`s that name the file."""
     import rawpy
 
     try:
@@ -148,6 +148,6 @@ def _opened(path: Path) -> Iterator[Any]:
 
 
 def _middle(counts: NDArray[np.uint16]) -> float:
-    """Mean without hot sites: those further than six standard deviations from the median."""
+    """Return the mean of counts without hot sites: those over six standard deviations (1.4826 MAD) from the median."""
     away = np.abs(counts - np.median(counts))
     return float(counts[away <= 6 * 1.4826 * np.median(away) + 1].mean())

@@ -10,14 +10,14 @@ NAMES = ("radiance", "flags")
 
 
 def shard_path(folder: Path, name: str, shard: int) -> Path:
-    """File of a shard of the array ``radiance`` or ``flags``."""
+    """Return the file of a shard of the array ``radiance`` or ``flags``."""
     return folder / name / "c" / str(shard) / "0" / "0" / "0"
 
 
 def group_shards(lights: Sequence[int], last: int | None) -> list[int]:
-    """Shards that a group's merge writes: whole ones, but for the one with the light `last` at θ = 0.
+    """Return the indices of the shards that a group's merge writes: all but the one with the light at θ = 0.
 
-    The light at θ = 0 has shots in all groups, so that its shard is written when the stack is put together.
+    The light at θ = 0 has shots in all groups, so that its shard is written when the stack is completed.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Directions under which texels are seen: lamps and camera at finite distances, or far away."""
+"""Directions of light and view at the texels, for lamps and a camera at finite distances or far away."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -14,15 +14,15 @@ Single = NDArray[np.float32]
 Index = NDArray[np.intp] | NDArray[np.bool_] | slice
 
 BEND = 0.001
-"""Radians that half vectors may turn from the middle of a cell of texels to its edge: a 20th of the narrowest lobe that
-a fit allows (`kinran.fit.slope.NARROWEST`). A field of one cell is taken as if lamps and camera were far."""
+"""Largest turn of half vectors, in radians, from the middle of a cell of texels to its edge: a 20th of the narrowest
+lobe that a fit allows (`kinran.fit.slope.NARROWEST`). In a field of one cell, lamps and camera count as far away."""
 AFAR = (0.0, 0.0, 1e9)
-"""Position of a camera, in millimetres, whose distance is unknown."""
+"""Position, in millimetres, of a camera whose distance is unknown."""
 
 
 @dataclass(frozen=True)
 class Under:
-    """Light and view of texels: texels of one cell share their directions.
+    """Directions of light and view at texels, which those of one cell share.
 
     Attributes
     ----------
@@ -31,11 +31,11 @@ class Under:
     lights : (cell, light, 3)
         Unit directions of the lights from the middle of each cell.
     slopes : (cell, light, 2)
-        Slopes of the half vectors between these and the view.
+        Slopes of the half vectors of these lights and the cell's view.
     cell : (texel,) int
         Cell of each texel.
     falloff : (texel, light) float32 or None
-        Light that reaches each texel, square on, relative to the field's centre; None where it is 1.
+        Irradiance at each texel on a plane that faces the lamp, relative to the field's centre; None where it is 1.
     """
 
     directions: Array
@@ -46,7 +46,7 @@ class Under:
 
     @classmethod
     def far(cls, directions: ArrayLike, texels: int = 1) -> "Under":
-        """Lights (light, 3) and camera that are far away: all texels are one cell."""
+        """Return the directions under lights (light, 3) and a camera far away: all texels are one cell."""
         lights = np.ascontiguousarray(directions, float)
         return cls(lights, lights[None], frames.slopes(lights)[None], np.zeros(texels, np.intp))
 
@@ -56,7 +56,7 @@ class Under:
         return len(self.directions)
 
     def cells(self) -> Iterator[tuple[int, Index]]:
-        """Cells that have texels, and the places of these; of a lone cell as a slice, which copies nothing."""
+        """Yield the cells that have texels, and the indices of these; a lone cell's as a slice, without a copy."""
         if len(self.lights) == 1:
             yield 0, slice(None)
             return
@@ -64,7 +64,7 @@ class Under:
             yield int(k), np.flatnonzero(self.cell == k)
 
     def of(self, texels: Index) -> "Under":
-        """Directions of some of the texels."""
+        """Return the directions at some of the texels."""
         kept, cell = self.cell[texels], self.cell[texels]
         lights, slopes = self.lights, self.slopes
         if len(lights) > 1:
@@ -73,22 +73,22 @@ class Under:
         return Under(self.directions, lights, slopes, cell, None if self.falloff is None else self.falloff[texels])
 
     def only(self, lights: Index) -> "Under":
-        """Directions of some of the lights."""
+        """Return the directions of some of the lights."""
         towards, slopes = (np.ascontiguousarray(part[:, lights]) for part in (self.lights, self.slopes))
         falloff = None if self.falloff is None else np.ascontiguousarray(self.falloff[:, lights])
         return Under(self.directions[lights], towards, slopes, self.cell, falloff)
 
     def reaching(self, T: Single) -> Single:
-        """What the stack holds of texels that show T (texel, 3, light): with the falloff of the lamps."""
+        """Return a stack's radiance (texel, 3, light) for T (texel, 3, light): with the lamps' falloff."""
         return T if self.falloff is None else T * self.falloff[:, None]
 
     def square_on(self, radiance: Single) -> Single:
-        """T (texel, 3, light) of radiance that a stack holds: without the falloff of the lamps."""
+        """Return T (texel, 3, light) of a stack's radiance (texel, 3, light): without the lamps' falloff."""
         return radiance if self.falloff is None else radiance / self.falloff[:, None]
 
 
 def join(parts: Sequence[Under]) -> Under:
-    """Directions of texels one part after the other, under the same lamps."""
+    """Join the directions at texels, one part after the other, under the same lamps."""
     first = parts[0]
     if all(len(part.lights) == 1 and part.falloff is None for part in parts):
         return replace(first, cell=np.zeros(sum(len(part.cell) for part in parts), np.intp))
@@ -104,12 +104,12 @@ def join(parts: Sequence[Under]) -> Under:
 
 
 def matters(stack: Stack) -> bool:
-    """Whether positions are known and turn the half vectors over the field by more than `BEND`."""
+    """Return whether positions are known and turn the half vectors over the field by more than `BEND`."""
     return stack.texel_mm is not None and max(stack.height, stack.width) * stack.texel_mm > _side(stack)
 
 
 def under(stack: Stack, box: Box, lights: NDArray[np.intp]) -> Under:
-    """Directions of a tile under these lights of the stack: one cell, far away, where distances do not matter."""
+    """Return the directions at a tile's texels under lights of the stack: one cell where distances do not matter."""
     y0, y1, x0, x1 = box
     if not matters(stack):
         return Under.far(stack.directions[lights], (y1 - y0) * (x1 - x0))
@@ -125,7 +125,7 @@ def under(stack: Stack, box: Box, lights: NDArray[np.intp]) -> Under:
 
 
 def _side(stack: Stack) -> float:
-    """Millimetres of a cell's side; infinite where a lamp's position is not known."""
+    """Return the side of a cell in millimetres; infinite where a lamp's position is unknown."""
     positions = [light.position_mm for light in stack.lights]
     if None in positions:
         return np.inf

@@ -1,1 +1,1 @@
-"""The radiance stack: merged group by group, put together, made coarser, exported."""
+"""The radiance stack: merged group by group, completed, made coarser, exported."""

@@ -1,7 +1,7 @@
 """Make the texels of a fabric as coarse as a scene allows, before any fit: model no more than is seen.
 
-What a camera sees of texels too small to be told apart is the mean of their radiance. So the coarse stack is what
-the rig would have measured with a wider lens, and every fit, error and cost that follows is that of its texels.
+A camera sees the mean radiance of texels that are too small to be told apart. So the coarse stack is what the rig
+would have measured with a wider lens, and every fit, error and cost that follows is that of its texels.
 """
 
 import logging
@@ -53,13 +53,13 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "folder of the fabric with 
 
 
 def average(radiance: Radiance, factor: int) -> Radiance:
-    """Mean of the radiance of blocks of texels; rows and columns that fill no block are left out.
+    """Return the mean radiance of blocks of texels; rows and columns that fill no block are left out.
 
     Parameters
     ----------
     radiance : (light, y, x, 3)
-        Defects take no part in the mean, and are a block's flag only where it has nothing else. A block is dark if
-        all of it is; it is saturated, or moved, if any of it is.
+        Radiance of texels. Defects are left out of the mean, and flag a block only where it has nothing else. A block
+        is dark if all of it is, and saturated or shifted if any of it is.
     factor
         Texels along the side of a block.
     """
@@ -75,12 +75,14 @@ def average(radiance: Radiance, factor: int) -> Radiance:
 
 
 def coarse_labels(channels: dict[str, NDArray[np.float32]], factor: int) -> dict[str, Any]:
-    """Regions of blocks of texels, by their share of the area.
+    """Return the regions of blocks of texels, by their share of the area.
 
     Parameters
     ----------
     channels
-        Channels (y, x) of a label map: a texel belongs to its label by its membership, and for the rest to the second.
+        Channels (y, x) of a label map: the membership is the share of a texel's label in it, the rest is the second's.
+    factor
+        Texels along the side of a block.
 
     Returns
     -------
@@ -105,7 +107,7 @@ def coarse_labels(channels: dict[str, NDArray[np.float32]], factor: int) -> dict
 
 
 def write_coarse(path: Path, stack: Stack, factor: int) -> None:
-    """Write the coarse stack, a shard's lights at a time, its texels averaged by `average`."""
+    """Write the coarse stack, whose texels are averaged by `average`, one shard at a time."""
     if path.exists():
         shutil.rmtree(path)  # its shards may be of another size
     for first in range(0, len(stack.lights), SHARD):
@@ -123,7 +125,7 @@ def write_coarse(path: Path, stack: Stack, factor: int) -> None:
 
 
 def _coarse_shard(stack: Stack, first: int, factor: int) -> Radiance:
-    """Coarse pictures of a shard's lights, from bands of rows."""
+    """Return the coarse pictures of a shard's lights, made from bands of rows."""
     lights = range(first, min(first + SHARD, len(stack.lights)))
     width = stack.width // factor * factor
     bands = range(0, stack.height // factor * factor, CHUNK * factor)
@@ -135,7 +137,7 @@ def _coarse_shard(stack: Stack, first: int, factor: int) -> Radiance:
 
 
 def _link(source: Path, path: Path, shard: int) -> None:
-    """Take a shard as it is, without another copy where the disk can."""
+    """Link a shard that does not change, or copy it where the disk has no links."""
     for name in NAMES:
         old, new = shard_path(source, name, shard), shard_path(path, name, shard)
         new.parent.mkdir(parents=True, exist_ok=True)
@@ -146,7 +148,7 @@ def _link(source: Path, path: Path, shard: int) -> None:
 
 
 def _blocks(values: Planes, factor: int) -> Planes:
-    """(n, y, x, channel) as (n, row, y in block, column, x in block, channel)."""
+    """Return values (n, y, x, channel) as (n, row, y in block, column, x in block, channel)."""
     rows, columns = values.shape[1] // factor, values.shape[2] // factor
     whole = values[:, : rows * factor, : columns * factor]
     return whole.reshape(len(values), rows, factor, columns, factor, -1)

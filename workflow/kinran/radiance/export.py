@@ -1,6 +1,6 @@
 """Export a radiance stack: one OpenEXR file a light, linear ACEScg, unclipped, with the metadata of its colours.
 
-Half float, ZIP, which every program reads; the stack stays the store. Saturated samples are lower bounds.
+The files are half float with ZIP compression, which every program reads. Saturated samples are lower bounds.
 """
 
 import json
@@ -22,9 +22,9 @@ from kinran.data.radiance_stack import LARGEST, Stack
 log = logging.getLogger(__name__)
 
 AP1 = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)
-"""Chromaticities of ACEScg: R, G, B and white."""
+"""Chromaticities (x, y) of ACEScg: R, G, B and white."""
 UNSAFE = '/\\:*?"<>|\0'
-"""Characters that some file system has no name with."""
+"""Characters that some file system does not allow in names."""
 
 
 @dataclass(frozen=True)
@@ -60,12 +60,14 @@ def main(inputs: Inputs, out: Annotated[Path, "--out DIR", "folder to write"], o
 
 
 def write_light(path: Path, stack: Stack, index: int, matrix: NDArray[np.float64]) -> None:
-    """Write the picture of a light, upright; checked by reading it back.
+    """Write the picture of a light, upright, and check it by reading it back.
 
     Raises
     ------
     InputError
         The folder cannot be written to.
+    OSError
+        The file reads back changed.
     """
     radiance = stack.read_tile(0, stack.height, 0, stack.width, [index]).value[0]
     colours = apply(matrix, radiance[::-1].astype(float))
@@ -80,7 +82,7 @@ def write_light(path: Path, stack: Stack, index: int, matrix: NDArray[np.float64
 
 
 def light_header(stack: Stack, index: int) -> dict[str, object]:
-    """Attributes of a light's file."""
+    """Return the header attributes of a light's file."""
     light = stack.lights[index]
     header: dict[str, object] = {
         "compression": OpenEXR.ZIP_COMPRESSION,

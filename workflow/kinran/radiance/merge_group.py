@@ -1,7 +1,7 @@
 """Merge the shots of a group to radiance: whole shards of the stack.
 
-RAW brackets are merged per sensor site before any demosaic, scaled so that a white diffuser that faces the
-lamp at θ = 0 reads 1 (π·T), and freed of the lamp's drift. Photographs are decoded to linear light.
+RAW brackets are merged per sensor site before any demosaic, scaled so that a white diffuser that faces the lamp at
+θ = 0 reads 1 (π·T), and corrected for the lamp's drift. Photographs are decoded to linear light.
 """
 
 import logging
@@ -79,7 +79,7 @@ def main(inputs: Inputs, out: Outputs) -> None:
 
 
 def distance_gains(shots: list[Taken], plan: Plan) -> dict[str, float]:
-    """Light of equal lamps at each shot of photographs, by their distances; 1 where these are not known."""
+    """Return the relative light of equal lamps at each shot, by name, from their distances; 1 if these are unknown."""
     positions = [light.position_mm for light in plan.lights if light.position_mm]
     known = len(positions) == len(plan.lights)
     gains = relative_light(positions) if known else np.ones(len(plan.lights))
@@ -87,7 +87,13 @@ def distance_gains(shots: list[Taken], plan: Plan) -> dict[str, float]:
 
 
 def measure_gains(shots: list[Taken], calibration: Calibration, manifest: Path) -> dict[str, float]:
-    """Light of the rig's lamp at each shot of a group."""
+    """Return the light of the rig's lamp at each shot of a group, by name, relative to that on the white plate.
+
+    Raises
+    ------
+    InputError
+        The calibration is of photographs, or `lamp_gains` fails.
+    """
     camera = calibration.camera
     if camera is None:
         raise InputError(f"{manifest}: is of a rig, but its calibration is of photographs; calibrate again")
@@ -97,7 +103,7 @@ def measure_gains(shots: list[Taken], calibration: Calibration, manifest: Path) 
 
 
 def merge_shot(shot: Taken, calibration: Calibration, gains: dict[str, float], theta: float, phi: float) -> Radiance:
-    """Radiance (y, x, 3), in the stack's unit, of a shot of the light at (θ, φ) in degrees."""
+    """Merge a shot of the light at (θ, φ), in degrees, to radiance (y, x, 3) in the stack's unit."""
     if calibration.camera is None:
         picture = read_light(shot, calibration)
         return picture.with_value(picture.value / np.float32(gains[shot.shot]))

@@ -60,7 +60,7 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "radiance stack (.zarr)"], 
 
 
 def metadata_of(plan: Plan, calibration: Calibration, held: set[int]) -> Metadata:
-    """Metadata of the stack of a plan, of which the lights of these indices are held out."""
+    """Return the metadata of a plan's stack; `held` are the indices of the held-out lights."""
     return Metadata(
         lights=tuple(
             Light(light.name, light.direction, light.position_mm, light.grid, index in held)
@@ -81,18 +81,19 @@ def metadata_of(plan: Plan, calibration: Calibration, held: set[int]) -> Metadat
 def last_shard(
     plan: Plan, calibration: Calibration, groups: Sequence[tuple[Path, list[Taken]]]
 ) -> tuple[int, Radiance]:
-    """The shard with the light at θ = 0: its repeats in all groups, and the lights that share the shard.
+    """Merge the shard with the light at θ = 0: the mean of its repeats in all groups, and the lights that share it.
 
     Returns
     -------
     first : int
         Index of the shard's first light.
     radiance : (light, y, x, 3)
+        Radiance of the shard's lights.
 
     Raises
     ------
     InputError
-        A light has no shot.
+        A light has no shot in the manifests.
     """
     camera = calibration.camera
     first = (len(plan.lights) - 1) // SHARD * SHARD
@@ -119,7 +120,7 @@ def last_shard(
 
 
 class Repeats:
-    """Mean of pictures (y, x, 3) of one light, without their saturated samples where there are others."""
+    """Mean of pictures (y, x, 3) of one light, which leaves saturated samples out where there are others."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self._open, self._all = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
@@ -127,7 +128,7 @@ class Repeats:
         self._any, self._every = np.zeros(shape, np.uint8), np.full(shape, 255, np.uint8)
 
     def add(self, picture: Radiance) -> None:
-        """Take a picture."""
+        """Add a picture."""
         full = picture.has(SATURATED)
         self._open += np.where(full, 0, picture.value)
         self._all += picture.value
@@ -137,7 +138,7 @@ class Repeats:
         self._every &= picture.flags
 
     def mean(self) -> Radiance:
-        """Mean of the pictures; saturated and dark where every picture is, hot and shifted where any is."""
+        """Return the mean picture; saturated and dark where every picture is, hot and shifted where any is."""
         seen = self._count > 0
         mean = np.where(seen, self._open / np.maximum(self._count, 1), self._all / self._pictures)
         every = np.uint8(SATURATED | DARK)

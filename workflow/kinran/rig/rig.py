@@ -18,7 +18,7 @@ from kinran.rig.transport import PRODUCT, VENDOR, TransportError, open_hid, rig_
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of ``kinran rig``."""
+    """Add the arguments of ``kinran rig`` to a parser."""
     parser.add_argument("--device", choices=["hid", "virtual"], default="hid", help="which rig")
     parser.add_argument("--serial", help="serial number, if several are connected")
     parser.add_argument("--usb", type=usb_pair, default=(VENDOR, PRODUCT), help="VENDOR:PRODUCT in hexadecimal")
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def usb_pair(text: str) -> tuple[int, int]:
-    """Vendor and product id of ``1209:0001``."""
+    """Parse vendor and product id such as ``1209:0001``."""
     try:
         vendor, product = (int(word, 16) for word in text.split(":"))
     except ValueError:
@@ -43,12 +43,12 @@ def usb_pair(text: str) -> tuple[int, int]:
 def open_goniometer(
     device: str, serial: str | None = None, usb: tuple[int, int] = (VENDOR, PRODUCT)
 ) -> Iterator[Goniometer]:
-    """A rig that has been greeted; a real one is held for this process alone.
+    """Open and greet a rig; a real one is locked for this process.
 
     Raises
     ------
     RigError, TransportError
-        It cannot be had.
+        The rig cannot be opened, or does not answer.
     """
     if device == "virtual":
         rig = simulated_goniometer(Firmware())
@@ -67,7 +67,7 @@ def open_goniometer(
 
 
 def describe(rig: Goniometer) -> str:
-    """Identity and state of a rig in a few lines."""
+    """Return identity and state of a rig in a few lines."""
     state, ident = rig.status(), rig.ident
     lines = [f"rig {ident.serial if ident else '?'}, protocol 1, up {state.uptime_ms / 1000:.0f} s"]
     for i, axis in enumerate(AXES):
@@ -81,7 +81,7 @@ def describe(rig: Goniometer) -> str:
 
 
 def main(args: argparse.Namespace) -> None:
-    """Do one action and show the state."""
+    """Carry out one action and show the state."""
     try:
         with open_goniometer(args.device, args.serial, args.usb) as rig:
             if args.action == "home":

@@ -1,4 +1,4 @@
-"""The virtual rig and its camera, as a capture opens them; whatever changes their frames is imported here."""
+"""The virtual rig and its camera, as a capture opens them; all code that decides their frames is imported here."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,7 +14,7 @@ from kinran.virtual.simulated_camera import CACHE, SimulatedCamera
 
 @contextmanager
 def virtual_devices(root: Path, scene: dict[str, Any], group: str) -> Iterator[tuple[Goniometer, Camera]]:
-    """A simulated rig, and a simulated camera with its card in `root`, for a group of the plan."""
+    """Open a simulated rig, and a simulated camera with its card in `root`, for a group of the plan."""
     firmware = Firmware()
     rig = simulated_goniometer(firmware)
     camera: Camera = SimulatedCamera(firmware, root / "card", scene, CACHE, group)

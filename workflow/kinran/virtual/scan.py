@@ -1,4 +1,4 @@
-"""Generate the scan of a draped panel of cloth: what the `mesh` stage cleans when there is no scanner.
+"""Generate the scan of a draped panel of cloth, which the `mesh` stage cleans where there is no scanner.
 
 A loom width of cloth hangs in slanted folds with a slight bump that no flat sheet can follow. The scan has
 what range scans have: noise along the line of sight, holes, ragged edges, floating islands, parts scanned
@@ -19,14 +19,14 @@ Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
 WIDTH, LENGTH = 60.0, 90.0
-"""Size of the panel in mm along weft and warp."""
+"""Size of the panel in mm along weft and warp: made up, like all numbers here."""
 PITCH = 0.5
 """Distance of neighbouring samples in mm; finer ones would only make the demo slower."""
 NOISE = 0.03
-"""Standard deviation in mm along the line of sight, meant to be that of a laser range scanner; no measurement stands
+"""Standard deviation of range noise in mm along the line of sight, meant for a laser scanner. No measurement stands
 behind it."""
 SLANT = np.radians(9.0)
-"""Angle between folds and warp, so that folds do not tell where the weft is."""
+"""Angle between folds and warp in radians, so that the folds do not reveal the weft."""
 BUMP_HEIGHT, BUMP_SIGMA = 1.2, 9.0
 """Height and standard deviation in mm of the bump that no flat sheet can follow."""
 SENSOR = np.array([0.0, 0.0, 1.0])
@@ -35,7 +35,7 @@ SENSOR = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True)
 class Truth:
-    """What the scan was made from, sampled without noise, in the scan's coordinates.
+    """The surface that the scan was made from, sampled without noise, in the scan's coordinates.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Truth:
     uv : (n, 2) float
         Arc length along weft and warp from the lower left corner in mm.
     weft : (n, 3) float
-        Unit direction of the weft.
+        Unit directions of the weft.
     """
 
     points: Array
@@ -53,7 +53,7 @@ class Truth:
 
 
 def drape(uv: Array) -> Array:
-    """Points of the hanging cloth.
+    """Return points of the hanging cloth.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def scan(seed: int = 0) -> tuple[Array, Faces, Truth]:
     Parameters
     ----------
     seed
-        Same seed, same scan.
+        Seed of pose and faults; the same seed gives the same scan.
 
     Returns
     -------
@@ -95,7 +95,7 @@ def scan(seed: int = 0) -> tuple[Array, Faces, Truth]:
         edge is on the +y side.
     faces : (m, 3) int
     truth : Truth
-        What the scan was made from, for tests; it is not in the file.
+        Surface that the scan was made from, for tests; it is not in the file.
     """
     rng = np.random.default_rng(seed)
     roll, *tilts = rng.uniform([-60, -20, -20], [60, 20, 20])
@@ -121,7 +121,7 @@ def _truth(pose: Rotation, shift: Array) -> Truth:
 
 
 def _ragged_grid(rng: np.random.Generator) -> tuple[Array, Faces]:
-    """Jittered samples of the panel, with an edge that the scanner lost here and there."""
+    """Return jittered samples of the panel, with gaps along its edge."""
     u, v = np.meshgrid(np.arange(0, WIDTH + PITCH / 2, PITCH), np.arange(0, LENGTH + PITCH / 2, PITCH))
     rows, columns = u.shape
     uv = np.stack([u, v], -1) + rng.uniform(-0.3, 0.3, (rows, columns, 2)) * PITCH
@@ -135,7 +135,7 @@ def _ragged_grid(rng: np.random.Generator) -> tuple[Array, Faces]:
 
 
 def _holes(faces: Faces, uv: Array, rng: np.random.Generator) -> Faces:
-    """Five holes of a few millimetres, and pinholes."""
+    """Cut five holes of a few millimetres, and pinholes."""
     middle = uv[faces].mean(1)
     centres = rng.uniform(8, [WIDTH - 8, LENGTH - 8], (5, 2))
     radii = rng.uniform(0.8, 2.2, 5)
@@ -145,7 +145,7 @@ def _holes(faces: Faces, uv: Array, rng: np.random.Generator) -> Faces:
 
 
 def _turn_faces(vertices: Array, faces: Faces, rng: np.random.Generator) -> tuple[Array, Faces]:
-    """A few faces with the wrong side to the front, and a few of no area."""
+    """Reverse a few faces, and add a few of no area."""
     faces = faces.copy()
     faces[rng.choice(len(faces), 25, False)] = faces[rng.choice(len(faces), 25, False)][:, ::-1]
     flat = faces[rng.choice(len(faces), 6, False)][:, [0, 0, 1]]
@@ -153,7 +153,7 @@ def _turn_faces(vertices: Array, faces: Faces, rng: np.random.Generator) -> tupl
 
 
 def _fins(vertices: Array, faces: Faces, rng: np.random.Generator) -> tuple[Array, Faces]:
-    """Triangles that share an edge (three faces on it) or only a corner with the cloth."""
+    """Add triangles that share an edge (three faces on it) or only a corner with the cloth."""
     hosts = faces[rng.choice(len(faces), 24, False)]
     tips = vertices[hosts[:, 0]] + rng.normal(0, PITCH, (24, 3))
     more = tips + rng.normal(0, PITCH, (24, 3))
@@ -164,7 +164,7 @@ def _fins(vertices: Array, faces: Faces, rng: np.random.Generator) -> tuple[Arra
 
 
 def _islands(vertices: Array, faces: Faces, rng: np.random.Generator) -> tuple[Array, Faces]:
-    """Scraps of surface that float around the cloth: what a scanner sees of clips and fingers."""
+    """Add scraps of surface that float around the cloth, as of clips and fingers."""
     for _ in range(7):
         host = vertices[faces[rng.integers(len(faces)), 0]]
         near = np.linalg.norm(vertices[faces].mean(1) - host, axis=-1) < rng.uniform(0.8, 2.5)
@@ -177,7 +177,7 @@ def _islands(vertices: Array, faces: Faces, rng: np.random.Generator) -> tuple[A
 
 
 def _scanned_twice(vertices: Array, faces: Faces, rng: np.random.Generator) -> tuple[Array, Faces]:
-    """A band that comes a second time as loose triangles, each with its own corners."""
+    """Repeat a band as loose triangles, each with its own corners."""
     height = vertices[faces].mean(1)[:, 1]
     low = rng.uniform(0.2, 0.7)
     first, last = np.quantile(height, [low, low + 0.1])

@@ -20,18 +20,20 @@ from kinran.virtual.sensor import BORDER, Sensor, shutter
 from kinran.virtual.weave import VirtualFabric
 
 CACHE = Path(".cache/kinran/virtual")
+"""Folder in which traced frames are kept."""
 LEAST_TEXELS = 16
 """Fewest texels along a side: LibRaw refuses smaller frames."""
 TAKEN = "taken.txt"
+"""File on the card that lists all frames ever taken."""
 SUBJECTS = ("fabric", "white", "chart", "dark")
 
 
 class Rig(Protocol):
-    """What stands before the camera: the truth of a simulated goniometer."""
+    """The true state of a simulated goniometer, which the camera sees."""
 
     @property
     def pose(self) -> tuple[float, ...]:
-        """Millidegrees; light θ and light φ come first."""
+        """Pose in millidegrees; light θ and light φ come first."""
 
     @property
     def shutter_open(self) -> bool:
@@ -47,27 +49,27 @@ class Rig(Protocol):
 
 
 class SimulatedCamera:
-    """A camera whose frames depend on what they show alone: the scene, the rig, the exposure, which repeat it is.
+    """A camera whose frames depend on scene, rig, exposure and number of the repeat alone.
 
-    Neither the order of the groups nor what else was shot changes a frame.
+    Neither the order of the groups nor other shots change a frame.
 
     Parameters
     ----------
     firmware
         The simulated goniometer.
     card
-        Folder that outlives the process, as a card does.
+        Folder that serves as the card and outlives the process.
     scene
-        Parameters of the `VirtualFabric` by name; what is missing takes its default.
+        Parameters of the `VirtualFabric` by name; the others have their defaults.
     cache
         Folder in which traced frames are kept.
     group
-        Group of the plan that is shot: the repeats of a direction in two groups have noise of their own.
+        Group of the plan that is shot: repeats of a direction in two groups have different noise.
 
     Raises
     ------
     InputError
-        A parameter has another name, or no value that makes a fabric.
+        A parameter is unknown, or its value is out of range.
     """
 
     suffix = ".dng"
@@ -86,7 +88,7 @@ class SimulatedCamera:
         self._subject = subject
 
     def expose(self, seconds: float) -> None:
-        """Take one frame at this nominal shutter time (s)."""
+        """Take one frame at a nominal shutter time in seconds."""
         if not 1 / 8000 < seconds <= 30:
             raise CameraError(f"shutter time {seconds:g} s: this camera has 1/4000 s to 30 s")
         rig, taken = self._rig, self._taken()
@@ -129,12 +131,12 @@ class SimulatedCamera:
         return self._card / name
 
     def _taken(self) -> list[str]:
-        """What was ever taken, a line a frame: the camera counts on when files are deleted."""
+        """Return a line for each frame ever taken: the camera counts on when files are deleted."""
         path = self._card / TAKEN
         return path.read_text().splitlines() if path.exists() else []
 
     def _pose(self) -> tuple[int, int]:
-        """Light θ and φ in millidegrees, to the hundredth of a degree in which scenes are traced."""
+        """Return light θ and φ in millidegrees, rounded to the hundredth of a degree in which scenes are traced."""
         theta, phi = (round(angle / 10) * 10 for angle in self._rig.pose[:2])
         if theta < 0:
             theta, phi = -theta, phi + 180_000

@@ -1,4 +1,4 @@
-"""What calibrates the virtual camera: a white plate and a 24-patch chart, both perfectly diffuse."""
+"""Calibration targets of the virtual camera: a white plate and a 24-patch chart, both perfectly diffuse."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,13 +35,25 @@ CHART = np.array(
 )
 """ColorChecker after November 2014: linear Rec. 709 of its CIE xyY (D50), adapted to D65 by Bradford's transform."""
 ROWS, COLUMNS = 4, 6
-"""Patches of the chart along its sides."""
+"""Rows and columns of the chart's patches."""
 GAP = 0.15
-"""Share of a patch's cell that is black card, on each side."""
+"""Share of a patch's cell that is black card, on each side: made up."""
 
 
 def white(light: ArrayLike, field_mm: float, texels: int, lamp_mm: float) -> Image:
-    """A perfect white diffuser (texels, texels, 3): cos θ at the lamp's distance; row 0 is v = 0."""
+    """Return the radiance π·T (texels, texels, 3) of a perfect white diffuser under a point lamp; row 0 is v = 0.
+
+    Parameters
+    ----------
+    light : (3,) float
+        Unit vector from the middle of the field to the lamp.
+    field_mm
+        Side of the square field.
+    texels
+        Texels along each side.
+    lamp_mm
+        Distance of the lamp from the middle of the field.
+    """
     centres = ((np.arange(texels) + 0.5) / texels - 0.5) * field_mm
     x, y = np.meshgrid(centres, centres)
     to_lamp = lamp_mm * np.asarray(light, float) - np.stack([x, y, np.zeros_like(x)], -1)
@@ -51,7 +63,10 @@ def white(light: ArrayLike, field_mm: float, texels: int, lamp_mm: float) -> Ima
 
 
 def chart(light: ArrayLike, field_mm: float, texels: int, lamp_mm: float) -> Image:
-    """The chart over the whole field (texels, texels, 3), linear Rec. 709; dark skin at the top left."""
+    """Return the radiance π·T (texels, texels, 3), linear Rec. 709, of the chart over the whole field.
+
+    Dark skin is at the top left; parameters are those of `white`.
+    """
     along = (np.arange(texels) + 0.5) / texels
     row, column = (1 - along[:, None]) * ROWS, along[None, :] * COLUMNS
     patch = row.astype(int) * COLUMNS + column.astype(int)

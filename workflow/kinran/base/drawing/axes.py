@@ -1,4 +1,4 @@
-"""Axes of a plot: which values they run through, the numbers at them, and where a value stands."""
+"""Axes of a plot: their range, their ticks, and the pixel at which a value is drawn."""
 
 import math
 from collections.abc import Sequence
@@ -9,28 +9,29 @@ from kinran.base.drawing.canvas import FAINT, GRID, Canvas, Point
 LEFT, RIGHT, TOP, BOTTOM = 64, 18, 56, 48
 """Pixels around the field of a plot: numbers, room, title with legend, numbers with title."""
 MOST_TICKS = 8
+"""Most ticks of a linear axis."""
 DECADES = 2.2
-"""Axes of fewer decades have numbers at 2 and 5 times a power of ten, too."""
+"""A logarithmic axis of fewer decades has ticks at 2 and 5 times the powers of ten, too."""
 SHORTEST = 0.5
-"""Decades of a logarithmic axis at least, so that a number stands at it: 2 and 5 are 0.4 apart."""
+"""Fewest decades of a logarithmic axis, so that it has a tick: 2 and 5 are 0.4 decades apart."""
 LEAST = 1e-6
-"""Values below are drawn here on a logarithmic axis."""
+"""Smallest value of a logarithmic axis; values below are drawn at it."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """Values from one end of a plot to the other.
+    """One axis of a plot.
 
     Attributes
     ----------
     title
-        What the values are.
+        Name and unit of the values.
     low, high
         Ends, in the values' unit; decimal logarithms of it where `log` is set.
     ticks
-        Values, and the text at each.
+        Value and text of each tick.
     log
-        Whether equal steps are equal factors.
+        Whether the axis is logarithmic.
     """
 
     title: str
@@ -40,13 +41,13 @@ class Axis:
     log: bool = False
 
     def part(self, value: float) -> float:
-        """Where a value stands: 0 at the low end, 1 at the high end, and at an end where it is beyond."""
+        """Return the place of a value on the axis, from 0 at the low end to 1 at the high end, where it is clipped."""
         at = math.log10(max(value, LEAST)) if self.log else value
         return (min(max(at, self.low), self.high) - self.low) / (self.high - self.low)
 
 
 def logarithmic(title: str, values: Sequence[float]) -> Axis:
-    """Axis of positive values, a little longer than they need."""
+    """Return a logarithmic axis over positive values and a margin."""
     low, high = _around([math.log10(max(v, LEAST)) for v in values], SHORTEST)
     steps = (1, 2, 5) if high - low < DECADES else (1,)
     ticks = [step * 10.0**k for k in range(math.floor(low), math.ceil(high) + 1) for step in steps]
@@ -54,7 +55,7 @@ def logarithmic(title: str, values: Sequence[float]) -> Axis:
 
 
 def linear(title: str, values: Sequence[float]) -> Axis:
-    """Axis of any values, a little longer than they need."""
+    """Return a linear axis over values and a margin."""
     low, high = _around(values, 0.01)
     steps = [m * 10.0**k for k in range(-3, 3) for m in (1, 2, 5)]
     step = next((s for s in steps if (high - low) / s <= MOST_TICKS), steps[-1])
@@ -63,12 +64,12 @@ def linear(title: str, values: Sequence[float]) -> Axis:
 
 
 def places(title: str, names: Sequence[str]) -> Axis:
-    """Axis on which the name k stands at the value k."""
+    """Return an axis of names, of which name k is at the value k."""
     return Axis(title, -0.5, len(names) - 0.5, tuple((float(k), name) for k, name in enumerate(names)))
 
 
 def _around(values: Sequence[float], least: float) -> tuple[float, float]:
-    """Ends a little beyond the values, at least so far apart."""
+    """Return the ends of an axis over values and a margin, at least `least` apart."""
     low, high = min(values), max(values)
     margin = max(0.08 * (high - low), (least - high + low) / 2)
     return low - margin, high + margin
@@ -76,7 +77,7 @@ def _around(values: Sequence[float], least: float) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Field:
-    """Field of a plot on its canvas; `right` are the pixels beside it."""
+    """The field of a plot between its axes on a canvas; `right` is the margin at its right in pixels."""
 
     canvas: Canvas
     x: Axis
@@ -84,7 +85,7 @@ class Field:
     right: int = RIGHT
 
     def at(self, x: float, y: float) -> Point:
-        """Pixels at which two values stand."""
+        """Return the pixel (x, y) of two values."""
         left, top, right, bottom = self.box
         return left + (right - left) * self.x.part(x), bottom - (bottom - top) * self.y.part(y)
 

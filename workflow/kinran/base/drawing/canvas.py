@@ -14,8 +14,9 @@ from PIL import Image, ImageDraw, ImageFont
 from kinran.base.files import atomic
 
 INK, FAINT, GRID, PAPER = "#2b2723", "#8a8178", "#e4ddd3", "#fffdf9"
+"""Colours of text and lines, of what stands back, of grids, and of the background."""
 PLAIN = str.maketrans({"θ": "theta", "µ": "u", "–": "-", "×": "x", "≤": "<=", "≥": ">=", "…": "...", "·": "."})
-"""What Pillow's own font cannot write."""
+"""Replacements of characters that Pillow's own font lacks."""
 DASH, STEP = 5, 9
 """Length of a dash, and of a dash with its gap, in pixels."""
 
@@ -31,19 +32,19 @@ class Mark:
     kind
         ``line`` (through any number of points), ``dot``, ``ring``, ``box`` (two corners) or ``text``.
     points
-        Where it is, in pixels from the top left.
+        Points in pixels from the top left.
     colour
-        As ``#rrggbb`` or ``rgb(r,g,b)``.
+        Colour as ``#rrggbb`` or ``rgb(r,g,b)``.
     size
-        Width of a line, radius of a dot, height of text.
+        Width of a line, radius of a dot or height of text, in pixels.
     text
-        What a text says; of other marks, what a pointer over them shows.
+        Content of a text; tooltip of another mark.
     anchor
-        Of a text: ``start``, ``middle`` or ``end``.
+        Anchor of a text: ``start``, ``middle`` or ``end``.
     dashed
-        Whether a line is.
+        Whether a line is dashed.
     series
-        Name of what the mark belongs to, by which a page can pick it out; empty for axes.
+        Name of the series that the mark belongs to, by which a page selects it; empty for axes.
     """
 
     kind: str
@@ -69,7 +70,7 @@ class Canvas:
         self.marks.append(Mark("line", tuple(points), colour, size, dashed=dashed, series=series))
 
     def dot(self, at: Point, colour: str, size: float, title: str, ring: bool = False, series: str = "") -> None:
-        """Draw a dot, or a ring, that says `title` under a pointer."""
+        """Draw a dot, or a ring, with the tooltip `title`."""
         self.marks.append(Mark("ring" if ring else "dot", (at,), colour, size, title, series=series))
 
     def text(
@@ -87,7 +88,7 @@ class Canvas:
         self.marks += [replace(m, points=tuple((px + x, py + y) for px, py in m.points)) for m in other.marks]
 
     def svg(self, title: str) -> Markup:
-        """The drawing as an SVG element; `title` is for readers who do not see it."""
+        """Return the drawing as an SVG element, with `title` for screen readers."""
         paper = _element("rect", "", width=self.width, height=self.height, fill=PAPER)
         return Markup(
             _element(
@@ -105,7 +106,7 @@ class Canvas:
         )
 
     def png(self, scale: int = 2) -> NDArray[np.uint8]:
-        """The drawing as a picture, `scale` pixels to each of its own."""
+        """Return the drawing as an RGB picture, enlarged by `scale`."""
         image = Image.new("RGB", (self.width * scale, self.height * scale), PAPER)
         draw = ImageDraw.Draw(image)
         for mark in self.marks:
@@ -123,7 +124,7 @@ def write(path: Path, canvas: Canvas) -> None:
 
 
 def _element(name: str, inside: str, **attributes: object) -> str:
-    """SVG element around markup; numbers to a tenth of a pixel, and no attribute that is empty."""
+    """Return an SVG element around markup, with numbers to a tenth of a pixel and without empty attributes."""
     words = [name]
     for key, value in attributes.items():
         text = f"{round(value, 1):g}" if isinstance(value, float) else str(value)
@@ -172,7 +173,7 @@ def _paint(draw: ImageDraw.ImageDraw, mark: Mark, scale: int) -> None:
 
 
 def _dashes(a: Point, b: Point, scale: int) -> list[tuple[Point, Point]]:
-    """Dashes on the way from a to b."""
+    """Return the ends of the dashes of a line from a to b."""
     length = max(math.dist(a, b), 1e-9)
 
     def at(pixels: float) -> Point:

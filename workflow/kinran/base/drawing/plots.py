@@ -11,15 +11,15 @@ from kinran.base.drawing.axes import LEFT, TOP, Axis, Field
 from kinran.base.drawing.canvas import FAINT, INK, PAPER, Canvas, Point
 
 COLOURS = ("#b5872b", "#a33a32", "#3b6ea5", "#4d7c4a", "#7a5195", "#6b6b6b")
-"""Of series that have no colour of their own."""
+"""Colours of series that have none of their own."""
 BEST = "#d9c69a"
-"""Of the line through the best dots."""
+"""Colour of the line through the best dots."""
 LEGEND = 176
-"""Pixels at the right of a plot of lines."""
+"""Width of the legend of a plot of lines, in pixels."""
 CHARACTER = 7.0
 """Width of a character at a bar, in pixels."""
 APART = 14
-"""A name further than so many pixels from its dot is joined to it by a thin line."""
+"""Distance in pixels beyond which a thin line joins a name to its dot."""
 
 
 @dataclass(frozen=True)
@@ -29,13 +29,13 @@ class Dot:
     Attributes
     ----------
     x, y
-        Its values.
+        Values on the axes.
     says
-        What a pointer over it shows.
+        Tooltip.
     best
         Whether it is drawn at full strength.
     ring
-        Whether it has a ring around it, which makes it the one that a plot is about.
+        Whether a ring marks it as the one that the plot is about.
     """
 
     x: float
@@ -54,9 +54,9 @@ class Series:
     Attributes
     ----------
     points
-        Values x and y, and what a pointer over them shows.
+        x, y and tooltip of each point.
     bold
-        Whether it is the one that a plot is about.
+        Whether it is the one that the plot is about.
     joined
         Whether a line goes through the points.
     """
@@ -70,7 +70,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Bar:
-    """A named length; `text` stands at its end."""
+    """A named bar of length `value`, with `text` at its end."""
 
     name: str
     value: float
@@ -79,7 +79,7 @@ class Bar:
 
 
 def colour(index: int) -> str:
-    """Colour of the series `index`."""
+    """Return the colour of the series `index`."""
     return COLOURS[index % len(COLOURS)]
 
 
@@ -91,16 +91,16 @@ def scatter(
     line: Sequence[Point] = (),
     limit: tuple[float, str] | None = None,
 ) -> Canvas:
-    """Dots, each with its name where there is room.
+    """Return a scatter plot, with a name beside each dot.
 
     Parameters
     ----------
     size
         Width and height in pixels.
     line
-        Values that the line of the best goes through.
+        Values that the line through the best dots passes through.
     limit
-        A value of x that nothing can be under, and what is said of it.
+        Lower bound on x, and its label.
     """
     canvas = Canvas(*size)
     field = Field(canvas, x, y)
@@ -122,7 +122,7 @@ def scatter(
 
 
 def _limit(field: Field, value: float, text: str, taken: Sequence[names.Box]) -> names.Box:
-    """Draw a line upright, its text where the fewest dots are; returns the box of the text."""
+    """Draw a vertical line, with its text where the fewest dots are; return the box of the text."""
     _, top, _, bottom = field.box
     x, _ = field.at(value, 0)
     field.canvas.line([(x, top), (x, bottom)], INK, dashed=True)
@@ -134,7 +134,7 @@ def _limit(field: Field, value: float, text: str, taken: Sequence[names.Box]) ->
 
 
 def _name(field: Field, dot: Dot, at: Point, taken: Sequence[names.Box]) -> names.Box:
-    """Write a dot's name, with a thin line to the dot where it stands off; returns the box of the name."""
+    """Write a dot's name, with a thin line to the dot where they are apart; return the box of the name."""
     left, top, _, bottom = field.box
     box = names.place(dot.name, at, taken, (left + 2, top - 4, field.canvas.width - 4, bottom))
     nearest = (min(max(at[0], box[0]), box[2]), min(max(at[1], box[1]), box[3]))
@@ -146,7 +146,7 @@ def _name(field: Field, dot: Dot, at: Point, taken: Sequence[names.Box]) -> name
 
 
 def lines(series: Sequence[Series], x: Axis, y: Axis, size: tuple[int, int], note: str = "") -> Canvas:
-    """Lines through points, with a legend in the order of the series; `note` stands over the plot."""
+    """Return a plot of lines through points, with a legend in the order of the series and `note` above."""
     canvas = Canvas(*size)
     field = Field(canvas, x, y, LEGEND)
     field.draw()
@@ -165,7 +165,7 @@ def lines(series: Sequence[Series], x: Axis, y: Axis, size: tuple[int, int], not
 
 
 def bars(groups: Sequence[tuple[str, Sequence[Bar]]], width: int, title: str = "") -> Canvas:
-    """Horizontal bars from 0 on, in groups with a heading."""
+    """Return horizontal bars from 0, in groups with headings."""
     found = [bar for _, group in groups for bar in group]
     left = 24 + CHARACTER * max((len(bar.name) for bar in found), default=0)
     room = width - left - 24 - CHARACTER * max((len(bar.text) for bar in found), default=0)
@@ -192,6 +192,6 @@ def bars(groups: Sequence[tuple[str, Sequence[Bar]]], width: int, title: str = "
 
 
 def _pale(colour: str) -> str:
-    """Half way to the paper."""
+    """Return the colour half way to the background's."""
     pairs = [(int(colour[k : k + 2], 16) + int(PAPER[k : k + 2], 16)) // 2 for k in (1, 3, 5)]
     return "#" + "".join(f"{value:02x}" for value in pairs)
