@@ -6,10 +6,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
-from kinran import __main__ as kinran
-from kinran.base.files import InputError
 from kinran.data.fabric import Fabric
 from kinran.fit import fit, material, prior
+from kinran.segment import segment
 
 
 @contextmanager
@@ -26,12 +25,8 @@ def quiet() -> Iterator[None]:
 
 def segmented(folder: Path) -> Fabric:
     """The fabric of a folder's stack, with its regions."""
-    fabric = Fabric(folder)
-    files = {"stack": fabric.stack_path, "regions": fabric.regions_path, "statistics": folder / "statistics.exr"}
-    words = [word for name, file in files.items() for word in (f"--{name}", str(file))]
-    if kinran.main(["segment", str(fabric.labels_path), *words]):
-        raise InputError(f"{folder}: kinran segment failed; what it said stands above")
-    return fabric
+    segment.main(folder)
+    return Fabric(folder)
 
 
 def fitted(folder: Path, count: Literal[1, 2], tail: Literal["gaussian", "ggx"]) -> None:
