@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks import fit, stages
-from kinran import __main__ as kinran
-from kinran.base.files import InputError, write_json
-from kinran.compare import chart, chart_table, default, rows
+from kinran.base.files import write_json
+from kinran.compare import chart, chart_page, chart_table, default, rows
 from kinran.compare.methods import kinds
 from kinran.data.radiance import Radiance
 from kinran.data.radiance_stack import Light, Metadata, write_metadata, write_shards
@@ -95,8 +94,7 @@ def charted(folder: Path) -> None:
         chart.main(inputs, part, chart.Options(NAME, kind))
         parts += rows.read(part)
     chart_table.write(folder / "chart.csv", parts, [folder / "chart.svg", folder / "chart.png"])
-    if kinran.main(["chart-page", str(folder / "chart.html"), "--charts", str(folder / "chart.csv")]):
-        raise InputError(f"{folder}: kinran chart-page failed; its message stands above")
+    chart_page.main(chart_page.Inputs((folder / "chart.csv",)), folder / "chart.html")
 
 
 def targets(table: Path) -> list[dict[str, Any]]:

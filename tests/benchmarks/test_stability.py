@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic_texels import sampled
+from synthetic_texels import grid, sampled
 
 from benchmarks import stability
 from benchmarks.stability import (
@@ -33,6 +33,11 @@ from kinran.fit import learned_priors, robust_weights, slope
 from kinran.fit.slope_lobes import Lobes
 
 Table = dict[tuple[str, str], float]
+
+
+@pytest.fixture(scope="session")
+def lights() -> np.ndarray:
+    return grid()
 
 
 @pytest.fixture(scope="module")
