@@ -1,4 +1,4 @@
-"""Arrays and textures of the current variant of Mitsuba."""
+"""Types of arrays, and textures of the current variant of Mitsuba."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ Mask = NDArray[np.bool_]
 
 
 def texture(values: Map, filter_mode: str = "bilinear", wrap_mode: str = "clamp") -> Any:
-    """Texture of values (H, W, n), which is looked up exactly: without the hardware of a GPU, which rounds."""
+    """Return a texture of values (H, W, n) that is looked up exactly: without a GPU's texture units, which round."""
     filters = {"nearest": dr.FilterMode.Nearest, "bilinear": dr.FilterMode.Linear}
     wraps = {"repeat": dr.WrapMode.Repeat, "clamp": dr.WrapMode.Clamp}
     modes = {"filter_mode": filters[filter_mode], "wrap_mode": wraps[wrap_mode]}

@@ -1,4 +1,4 @@
-"""Where a texel's parameters come from: the packed maps of a material file, or Mitsuba textures."""
+"""The parameters of texels: packed maps of a material file, or Mitsuba textures."""
 
 from typing import Any, NamedTuple
 
@@ -15,7 +15,7 @@ from kinran_bsdf.residual_table import ResidualTable
 
 
 class Term(NamedTuple):
-    """One term of the model at a point: colour · amplitude, its mean over bands, its shape, and its bands."""
+    """One term of the model at a point: colour · amplitude as a spectrum, its mean over bands, its shape, its bands."""
 
     colour: Any
     strength: Any
@@ -24,7 +24,7 @@ class Term(NamedTuple):
 
 
 class Texel(NamedTuple):
-    """What a look-up finds: the diffuse term, then the lobes; and the residual's maps and `bound`, if there are."""
+    """Parameters at a point: the diffuse term, then the lobes; and the residual's maps and `bound`, if there are."""
 
     terms: list[Term]
     residual: list[Any]
@@ -33,10 +33,10 @@ class Texel(NamedTuple):
 class PackedMaps:
     """All parameters of a material in one texture, so that a look-up is a single fetch.
 
-    The channels are, for the diffuse term and then for each lobe, colour · amplitude · bound in the bands of
-    the variant, then the shape: 3 bands, or 1 in mono without a residual, which follows photographs of three.
-    Lobes that are filtered have their albedo in place of their amplitude: between a bright narrow lobe and a faint
-    wide one, filtering keeps the energy. The maps of a residual and `bound` come last.
+    The channels are, for the diffuse term and then for each lobe, colour · amplitude · bound in the bands of the
+    variant, then the shape. There are 3 bands, or 1 in mono without a residual, which is nonlinear in 3 bands. Lobes
+    that are filtered have their albedo in place of their amplitude, so that filtering between a bright narrow lobe and
+    a faint wide one keeps the energy. The maps of a residual and `bound` come last.
     """
 
     attributes = ("bound", "label")
@@ -55,12 +55,12 @@ class PackedMaps:
         self.extra = texture(extra, "nearest", wrap_mode)
 
     def fetch(self, si: Any, uv: Any, level: Any, active: Any) -> Texel:
-        """The texel at `uv`."""
+        """Return the texel at `uv`, from the pyramid where `level` is 0.5 or more."""
         if self.pyramid is None:
             values = list(self.texture.eval(uv, active))
         else:
             coarse = level >= 0.5
-            fine = self.texture.eval(uv, active & ~coarse)
+            fine = self.texture.eval(uv, active & (level < 0.5))
             far = self.pyramid.fetch(uv, level, active & coarse)
             values = [dr.select(coarse, a, b) for a, b in zip(far, fine, strict=True)]
         primaries = self.primaries.at(si.wavelengths, active)
@@ -72,7 +72,7 @@ class PackedMaps:
         return Texel(found, rest)
 
     def _split(self, values: list[Any], xp: Any) -> tuple[list[tuple[list[Any], list[Any]]], list[Any]]:
-        """Colour · amplitude and shape of each term, and what follows, of packed channels."""
+        """Split packed channels into colour · amplitude and shape of each term, and the channels after them."""
         terms, start = [], 0
         for k, parameters in enumerate(self.model.terms.values()):
             middle = start + self.bands
@@ -86,14 +86,14 @@ class PackedMaps:
         return terms, values[start:]
 
     def next_level(self, packed: Map, weights: Map | None) -> tuple[Map, Map]:
-        """Next level of a pyramid, and the weights of its lobes."""
+        """Return the next level of a pyramid, and the weights of its lobes."""
         coarse, weights = halve(packed, weights, self.bands, self.model)
         if self.residual is not None:
             coarse[..., -3 * self.residual.count - 4 : -1] = self.residual.averaged(packed, coarse, self.radiance)
         return coarse, weights
 
     def radiance(self, channels: list[Map], light: Array) -> list[Map]:
-        """T of the lobes (3 maps) under a light at the measured view."""
+        """Return T of all terms without the residual (3 maps) under a light at the measured view."""
         ((diffuse, (x, y)), *lobes), _ = self._split(channels, np)
         view, l = (0.0, 0.0, 1.0), tuple(float(v) for v in light)  # noqa: E741 (the field's letter)
         lift = diffuse_lift(view, l, x, y, self.floor)
@@ -104,21 +104,21 @@ class PackedMaps:
         return total
 
     def spectrum(self, si: Any, values: list[Any], active: Any) -> Any:
-        """Spectrum of three values in Rec. 709."""
+        """Return the spectrum of three values in Rec. 709."""
         return colours.Primaries.spectrum(values, self.primaries.at(si.wavelengths, active))
 
     def attribute(self, name: str, uv: Any, active: Any) -> Any:
-        """One of `attributes` at `uv`."""
+        """Return one of `attributes` at `uv`."""
         return self.extra.eval(uv, active)[self.attributes.index(name)]
 
     def traverse(self, callback: Any) -> None:
-        """Give the maps as the parameter `maps`."""
+        """Expose the maps as the parameter `maps`."""
         if self.tensor is None:
             self.tensor = mi.TensorXf(self.texture.tensor())
         callback.put("maps", self.tensor, mi.ParamFlags.Differentiable)
 
     def changed(self) -> None:
-        """Take over maps that were changed through `mi.traverse`; a pyramid carries no gradients."""
+        """Use maps that were changed through `mi.traverse`; a pyramid carries no gradients."""
         if self.tensor is None:
             return
         height, width, channels = self.tensor.shape
@@ -131,7 +131,7 @@ class PackedMaps:
 
 
 def pack(material: Material, bands: int) -> Map:
-    """Channels of `PackedMaps` (H, W, n), made by some rows at a time to spare memory."""
+    """Return the channels of `PackedMaps` (H, W, n), made from some rows at a time to save memory."""
     height, width = material.size
     model = material.reflection
     count = sum(bands + len(parameters) for parameters in model.terms.values())
@@ -156,7 +156,7 @@ def pack(material: Material, bands: int) -> Map:
 
 
 class TextureMaps:
-    """Parameters as constants or Mitsuba textures, named as the file's channels with `_` for the dot."""
+    """Parameters as constants or Mitsuba textures, named like the file's channels with `_` for the dot."""
 
     attributes = ()
     residual = None
@@ -172,7 +172,7 @@ class TextureMaps:
                 self.textures[f"{name}_{s}"] = props.get_unbounded_texture(f"{name}_{s}", neutral)
 
     def fetch(self, si: Any, uv: Any, level: Any, active: Any) -> Texel:
-        """The texel at `si`. The textures look after `uv` and `level`."""
+        """Return the texel at `si`; the textures transform `si.uv` themselves, and have no levels."""
         terms = []
         for k, (name, parameters) in enumerate(self.model.terms.items()):
             amplitude = dr.maximum(self.textures[f"{name}_amplitude"].eval_1(si, active), 0)
@@ -182,9 +182,9 @@ class TextureMaps:
         return Texel(terms, [])
 
     def traverse(self, callback: Any) -> None:
-        """Give each texture under its name."""
+        """Expose each texture under its name."""
         for name, values in self.textures.items():
             callback.put(name, values, mi.ParamFlags.Differentiable)
 
     def changed(self) -> None:
-        """Nothing is kept beside the textures."""
+        """Do nothing: no data are kept beside the textures."""

@@ -15,23 +15,27 @@ from kinran_bsdf.residual import Residual
 from kinran_bsdf.residual import channel_names as residual_names
 
 VERSION = "1"
+"""Version of the file; another one is refused."""
 NEEDED = ("version", "cosine", "model", "lobes", "regions", "colour", "from_stack", "texel_mm", "source", "measured")
+"""Header attributes that a file must have."""
 COLOUR = "lin_ap1_scene"
+"""Colour space of the maps: linear ACEScg."""
 FRAME = "X=+u=weft, Y=+v=warp, Z=view; row 0 is v=0"
+"""Frame of the maps, for the header."""
 
 
 @dataclass(frozen=True)
 class Material:
-    """Maps of a fabric.
+    """Material of a fabric: its maps and their meaning.
 
     Attributes
     ----------
     channels
         Maps (H, W) by channel name; row 0 is v = 0, the bottom of the fabric.
     model
-        Name of one of `MODELS`.
+        Name of the model, one of `MODELS`.
     tail
-        One of `TAILS`, for a model that has tails.
+        Tail of the lobes, one of `TAILS`, for a model that has tails.
     lobes
         Number of lobes: 0, 1 or 2.
     regions
@@ -43,14 +47,14 @@ class Material:
     texel_mm
         Size of a texel on the fabric in mm, or None where not known.
     source
-        SHA-256 of what was fitted, in hexadecimal.
+        SHA-256 of the data that were fitted, in hexadecimal.
     theta_max
         Largest θ_l of the fitted lights, in radians.
     encoding, crop
-        How the fitted photographs encode light (``srgb``, ``linear``, ``gamma:2.2``; empty for radiance) and
-        which part X,Y,W,H of them was used (empty for all): what it takes to compare with them again.
+        Encoding of the fitted photographs (``srgb``, ``linear``, ``gamma:2.2``; empty for radiance) and the part
+        X,Y,W,H of them that was used (empty for all), which a later comparison with them needs.
     residual
-        How the maps ``residualK.RGB`` depend on the light; None where the lobes are all.
+        Dependence of the maps ``residualK.RGB`` on the light; None where there is no residual.
     """
 
     channels: dict[str, Map]
@@ -79,20 +83,20 @@ class Material:
         return height, width
 
     def part(self, rows: slice, columns: slice) -> "Material":
-        """The material of a part of the fabric."""
+        """Return the material of a part of the fabric."""
         return replace(self, channels={name: plane[rows, columns] for name, plane in self.channels.items()})
 
     def residual_maps(self, rows: slice = slice(None)) -> Map:
-        """Maps of the residual (count + 1, h, W, 3): the mean over the lights, then the components."""
+        """Return the maps of the residual (count + 1, h, W, 3): the mean over the lights, then the components."""
         assert self.residual is not None
         planes = [self.channels[name][rows] for name in residual_names(self.residual.count)]
         return np.stack([np.stack(planes[k : k + 3], -1) for k in range(0, len(planes), 3)])
 
     def terms(self, rows: slice = slice(None)) -> list[tuple[Map, Map]]:
-        """Colour · amplitude (h, W, 3) and shape (h, W, n) of the diffuse term, then of each lobe.
+        """Return colour · amplitude (h, W, 3) and shape (h, W, n) of the diffuse term, then of each lobe.
 
-        Widths are floored. A texel without a lobe has an arbitrary shape in the file; it gets the mean shape
-        of the others, so that nothing divides by zero and nothing odd bleeds in where shapes are filtered.
+        Widths are at least `WIDTH_FLOOR`. A texel without a lobe has an arbitrary shape in the file; it gets the mean
+        shape of the others, so that no division by zero occurs and filtering mixes in no arbitrary shapes.
         """
         terms = []
         for k, (name, shape) in enumerate(self.reflection.terms.items()):
@@ -118,7 +122,7 @@ class Material:
 
 
 def channel_names(model: Model, residual: Residual | None = None) -> list[str]:
-    """Names of the channels that a material of this model has."""
+    """Return the names of the channels of a material with this model and residual."""
     names = [f"{t}.{c}" for t, shape in model.terms.items() for c in ("R", "G", "B", "amplitude", *shape)]
     return ["label", "bound", *names, *(residual_names(residual.count) if residual else ())]
 
@@ -129,8 +133,8 @@ def read_material(path: str | os.PathLike[str]) -> Material:
     Raises
     ------
     ValueError
-        The file is missing or no EXR, lacks a channel or an attribute, has another version or an unknown
-        model, or holds values outside the model; one sentence that names it.
+        The file is missing or not an EXR, lacks a channel or an attribute, has another version or an unknown model, or
+        holds values outside the model; the message is one sentence that names the file.
     """
     path = Path(path)
     if not path.is_file():
@@ -184,7 +188,7 @@ def check(material: Material, name: str) -> None:
     Raises
     ------
     ValueError
-        One sentence that names the file (`name`), the value, and what to do.
+        The message is one sentence: file (`name`), value, remedy.
     """
     m = material
     if m.model not in MODELS:
@@ -220,9 +224,9 @@ def write_material(path: str | os.PathLike[str], material: Material) -> None:
     Raises
     ------
     ValueError
-        The material is not one that `read_material` takes.
+        The material is not one that `read_material` accepts, or its maps differ in size.
     OSError
-        The folder cannot be written to.
+        The folder cannot be written to, or the file reads back changed.
     """
     path = Path(path)
     check(material, str(path))

@@ -1,8 +1,8 @@
 """Lobes of neighbouring texels as the lobes of one: a mixture of Gaussians over slopes, reduced.
 
-The lobes of neighbours need not correspond. In one fabric the first is the narrow one everywhere; in another it lies on
-one flank of a rib here, and on the other there. So they are grouped in two ways, and each texel takes the one that
-leaves the smaller integrated squared error over slopes, which for Gaussians has a closed form.
+The lobes of neighbours need not correspond. In one fabric the first lobe is the narrow one everywhere; in another it
+lies on one flank of a rib in one texel, and on the other flank in the next. So lobes are grouped in two ways, and each
+texel takes the one with the smaller integrated squared error over slopes, which has a closed form for Gaussians.
 """
 
 from typing import Any
@@ -16,7 +16,7 @@ Array = NDArray[np.floating[Any]]
 
 
 def mean(values: Array) -> Array:
-    """Box filter of maps (…, H, W) to half the size, rounded down; an odd size gives cells of over two texels."""
+    """Filter maps (…, H, W) by a box to half the size, rounded down; an odd size gives cells of over two texels."""
     result: Any = values
     for axis in (-2, -1):
         size = result.shape[axis]
@@ -34,35 +34,45 @@ def mean(values: Array) -> Array:
 
 
 def weights_of(energies: Array, shapes: Array, model: Model) -> Array:
-    """Weights (lobes, H, W) of the lobes of a map in the shapes of its levels: energy times √amplitude.
+    """Return the weights (lobes, H, W) of a map's lobes in the shapes of its pyramid: energy times √amplitude.
 
-    By energy, faint wide lobes would blunt a bright narrow one; by energy times amplitude, which is what a squared
-    error sees of a lobe, a few bright ones would stand for all.
-    """
-    energy = energies.sum(1)
-    return np.asarray(energy * np.sqrt(energy / _unit(shapes, model)))
-
-
-def reduced(energies: Array, shapes: Array, weights: Array, model: Model) -> tuple[Array, Array, Array]:
-    """As many lobes for texels of half the number each way, with the energy of theirs in each band.
-
-    A lobe goes to its namesakes, or to those on its side of the mean slope. What a group becomes has the mean and the
-    variance of its slopes [LEAN mapping, Olano2010].
+    With weights of energy, faint wide lobes would blunt a bright narrow one; with energy times amplitude, a lobe's part
+    in a squared error, a few bright lobes would represent all.
 
     Parameters
     ----------
     energies : (lobes, bands, H, W)
         Albedo of each lobe.
     shapes : (lobes, 5, H, W)
-        x, y, xx, xy, yy.
-    weights : (lobes, H, W)
-        Of `weights_of` or of the level before.
+        Shapes x, y, xx, xy, yy.
     model
-        Whose lobes they are.
+        Model of the lobes.
+    """
+    energy = energies.sum(1)
+    return np.asarray(energy * np.sqrt(energy / _unit(shapes, model)))
+
+
+def reduced(energies: Array, shapes: Array, weights: Array, model: Model) -> tuple[Array, Array, Array]:
+    """Reduce the lobes of a map to as many lobes in half the texels each way, with the same energy in each band.
+
+    Lobes are grouped by their number, or by their side of the mean slope. A group becomes a lobe with the mean and the
+    variance of its slopes (LEAN mapping [Olano2010]).
+
+    Parameters
+    ----------
+    energies : (lobes, bands, H, W)
+        Albedo of each lobe.
+    shapes : (lobes, 5, H, W)
+        Shapes x, y, xx, xy, yy.
+    weights : (lobes, H, W)
+        Weights of `weights_of`, or of the level before.
+    model
+        Model of the lobes.
 
     Returns
     -------
-    Energies, shapes and weights of the next level.
+    tuple of arrays
+        Energies, shapes and weights of the next level.
     """
     best = _grouped(np.arange(len(shapes))[:, None, None], energies, shapes, weights, model)
     if len(shapes) == 1:
@@ -74,10 +84,10 @@ def reduced(energies: Array, shapes: Array, weights: Array, model: Model) -> tup
 
 
 def out_of_order(energies: Array, shapes: Array) -> NDArray[np.bool_]:
-    """Where two lobes (h, w) have to change places to stand in the same order everywhere.
+    """Return where (h, w) two lobes have to change places to have the same order everywhere.
 
-    Then the next level finds like with like, and so does a look-up between texels. The order is along the axis on which
-    the two differ most in the whole map, of slopes and widths.
+    Then the next level, and a look-up between texels, mix like with like. The order is along the axis, in slopes and
+    widths, on which the two lobes differ most in the whole map.
     """
     width = np.sqrt(shapes[:, [2, 4]].sum((0, 1)))
     size = shapes[:, 2] * shapes[:, 4] - shapes[:, 3] ** 2
@@ -88,7 +98,7 @@ def out_of_order(energies: Array, shapes: Array) -> NDArray[np.bool_]:
 
 
 def _unit(shapes: Array, model: Model) -> Array:
-    """Albedo of lobes (…, 5, H, W) of amplitude 1."""
+    """Return the albedo of lobes (…, 5, H, W) of amplitude 1."""
     return np.asarray(model.albedo(np.moveaxis(shapes, -3, 0)))
 
 
@@ -102,7 +112,7 @@ def _grouped(
 
 
 def _pooled(shapes: Array, weights: Array, spread: int) -> Array:
-    """Shape (5, h, w) with the mean and the variance of the slopes of lobes; of all alike where none has a weight."""
+    """Return the shape (5, h, w) with the mean and variance of the lobes' slopes; equally weighted where all are 0."""
     weights = weights + np.float32(1e-9 * weights.mean() + 1e-30)
     x, y, xx, xy, yy = np.moveaxis(shapes, 1, 0)
     moments = [x, y, xx + spread * x * x, xy + spread * x * y, yy + spread * y * y]
@@ -115,7 +125,7 @@ def _pooled(shapes: Array, weights: Array, spread: int) -> Array:
 
 
 def _flanks(shapes: Array, weights: Array) -> Array:
-    """Side (0 or 1) of the mean slope, along the axis of greatest spread between two lobes, that each is on."""
+    """Return the side (0 or 1) of the mean slope on which each of two lobes is, on the axis of greatest spread."""
     points = shapes.copy()
     points[:, 2:] = 0  # so that the spread is only a scale
     x, y, xx, xy, yy = _pooled(points, weights, 2)
@@ -125,7 +135,7 @@ def _flanks(shapes: Array, weights: Array) -> Array:
 
 
 def _spread(coarse: Any, like: Array) -> Array:
-    """Values (…, H, W) of the larger texels (…, h, w) that the centres of texels are in."""
+    """Return the values (…, H, W) of the coarse texels (…, h, w) that contain the centres of the fine ones."""
     for axis in (-2, -1):
         size, few = like.shape[axis], coarse.shape[axis]
         coarse = np.take(coarse, ((np.arange(size) + 0.5) * few / size).astype(int), axis)
@@ -133,7 +143,7 @@ def _spread(coarse: Any, like: Array) -> Array:
 
 
 def _error(energies: Array, shapes: Array, found: Any, forms: Any, model: Model) -> Array:
-    """∫ (found − lobes)² over slopes (h, w), less what does not depend on what was found."""
+    """Return ∫ (found − lobes)² over slopes (h, w), without the part that does not depend on `found`."""
     peaks, sums = energies / _unit(shapes, model)[:, None], found / _unit(forms, model)[:, None]
     own = sum(_product(a, b, p, q) for a, p in zip(sums, forms, strict=True) for b, q in zip(sums, forms, strict=True))
     sums, forms = _spread(sums, shapes), _spread(forms, shapes)
@@ -142,7 +152,7 @@ def _error(energies: Array, shapes: Array, found: Any, forms: Any, model: Model)
 
 
 def _product(one: Array, other: Array, p: Array, q: Array) -> Array:
-    """∫ of the product of two lobes over slopes, / π, summed over bands: colours (bands, H, W), shapes (5, H, W)."""
+    """Return ∫ / π of the product of two lobes over slopes, summed over bands: (bands, H, W), shapes (5, H, W)."""
     dx, dy = p[0] - q[0], p[1] - q[1]
     xx, xy, yy = p[2:] + q[2:]
     size = xx * yy - xy * xy

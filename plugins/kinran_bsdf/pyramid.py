@@ -1,7 +1,7 @@
 """Prefiltered maps for fabric seen from far away.
 
-A texel of level k stands for 2ᵏ × 2ᵏ texels of the map: its lobes have their energy, and their slopes on the average,
-so that what was a weave becomes roughness (`mixture`). Models that are not `filtered` have no pyramid.
+A texel of level k stands for 2ᵏ × 2ᵏ texels of the map: its lobes have their energy, and the mean and variance of their
+slopes, so that the weave becomes roughness (`mixture`). Models that are not `filtered` have no pyramid.
 """
 
 from collections.abc import Callable
@@ -15,20 +15,23 @@ from kinran_bsdf.arrays import Map, mi, texture
 from kinran_bsdf.mixture import mean
 from kinran_bsdf.models import Model
 
-BLOCK = 1 << 16  # texels at a time: a block stays in the cache
+BLOCK = 1 << 16
+"""Texels that are reduced at a time: a block stays in the cache."""
 
 
 def halve(packed: Map, weights: Map | None, bands: int, model: Model) -> tuple[Map, Map]:
-    """Next level of packed maps (H, W, n), half as large, and of the weights of its lobes.
+    """Return the next level of packed maps, half as large, and the weights of its lobes.
 
     Parameters
     ----------
-    packed
-        Colour and shape of the diffuse term, then of each lobe; whatever follows is averaged.
-    weights : (lobes, H, W)
-        What each lobe counts in shapes; None where `packed` is the map itself.
+    packed : (H, W, n) float32
+        Colour and shape of the diffuse term, then of each lobe; the channels after them are averaged.
+    weights : (lobes, H, W) float32
+        Weight of each lobe in the shapes; None where `packed` is the map itself.
     bands
         Number of channels of a colour.
+    model
+        Model of the lobes.
     """
     height, width = packed.shape[:2]
     rows = max(BLOCK // width // 2 * 2, 2) if height % 2 == 0 else height
@@ -64,7 +67,7 @@ def _halve(packed: Map, weights: Map | None, bands: int, model: Model) -> tuple[
 
 
 class Pyramid:
-    """Levels 1 and up of packed maps in one texture, each with a border that makes it repeat or stay."""
+    """Levels 1 and up of packed maps in one texture, each with a border that repeats it or continues its edge."""
 
     def __init__(self, packed: Map, halve: Callable[[Map, Map | None], tuple[Map, Map]], wrap_mode: str) -> None:
         levels: list[Map] = []
@@ -87,7 +90,7 @@ class Pyramid:
         self.texture = texture(atlas)
 
     def fetch(self, uv: Any, level: Any, active: Any) -> Any:
-        """Packed channels at `uv` of the level nearest to `level`, from 1 up."""
+        """Return the packed channels at `uv` of the level nearest to `level`, from 1 up."""
         width, height, top = self.layout.eval(
             dr.clip(dr.round(level) - 0.5, 0.5, self.count - 0.5) / self.count, active
         )

@@ -1,4 +1,4 @@
-"""What a whole material shows at the measured view, in NumPy: pictures under lights, and its albedo."""
+"""Pictures of a whole material at the measured view under lights, and its albedo, in NumPy."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,16 +12,16 @@ from kinran_bsdf.residual import relit
 
 
 def relight(material: Material, lights: ArrayLike) -> Map:
-    """The fabric at the measured view V = N under directional lights.
+    """Return pictures of a fabric at the measured view V = N under directional lights.
 
-    The albedo clamp `bound` is not applied: this is what was fitted.
+    The albedo clamp `bound` is not applied: the pictures are those that were fitted.
 
     Parameters
     ----------
     material
         Maps of the fabric.
     lights : (n, 3) float
-        Unit directions, away from the surface.
+        Unit directions of the lights, away from the surface.
 
     Returns
     -------
@@ -45,9 +45,9 @@ def relight(material: Material, lights: ArrayLike) -> Map:
 
 
 def relight_texels(material: Material, lights: ArrayLike, view: ArrayLike) -> Map:
-    """The lobes of a fabric as they were measured, each texel under its own lights and seen from its own direction.
+    """Return pictures of all terms of a fabric, each texel under its own lights and seen from its own direction.
 
-    Near N these are what the lobes were fitted to; nothing of `Model.lobe` is in them, which is of other views.
+    Near N these are the pictures that the lobes were fitted to, without the extrapolation of `Model.lobe`.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def relight_texels(material: Material, lights: ArrayLike, view: ArrayLike) -> Ma
 
 
 def _terms(material: Material, rows: slice) -> list[tuple[Map, Map]]:
-    """Colours in the RGB of the stack, and shapes (n, h, W)."""
+    """Return each term's π · colour · amplitude (h, W, 3) in the stack's RGB, and its shape (n, h, W)."""
     back = np.linalg.inv(material.from_stack).T.astype(np.float32) * np.float32(np.pi)
     return [(c @ back, np.ascontiguousarray(np.moveaxis(s, -1, 0))) for c, s in material.terms(rows)]
 
@@ -92,10 +92,12 @@ def _radiance(material: Material, terms: list[tuple[Map, Map]], light: Array) ->
 
 
 def albedo(material: Material, nodes: int = 24) -> Map:
-    """Albedo at V = N of each texel: ∫ T dω over the lights above the horizon.
+    """Return the albedo at V = N of each texel: ∫ T dω over the lights above the horizon.
 
     Parameters
     ----------
+    material
+        Maps of the fabric; its residual is left out.
     nodes
         Number of quadrature nodes per dimension, placed where the lobe is.
 
@@ -111,9 +113,9 @@ def albedo(material: Material, nodes: int = 24) -> Map:
 
 
 def clamp(material: Material) -> Map:
-    """The channel `bound`: factor (H, W) in (0, 1] that brings the albedo at V = N to at most 1.
+    """Return the channel `bound`: the factor (H, W) in (0, 1] that brings the albedo at V = N to at most 1.
 
-    In each band of ACEScg, and of Rec.709, where a saturated colour has more.
+    The limit holds in each band of ACEScg and of Rec. 709, in which saturated colours have larger components.
     """
     there = albedo(material)
     peak = np.maximum(there.max(-1), (there @ TO_REC709.T).max(-1))

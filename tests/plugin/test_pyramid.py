@@ -9,6 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from conftest import choose
 
 from kinran_bsdf import Material, pyramid, write_material
 from kinran_bsdf.maps import PackedMaps, pack
@@ -274,6 +275,22 @@ def test_near_view_uses_the_map_itself(jit: str, fabric: Callable[..., Material]
     write_material(tmp_path / "a.exr", weave(fabric))
     there = far_view(tmp_path / "a.exr", [0, 0, -1], 4, 0.0, 1)
     np.testing.assert_allclose(far_view(tmp_path / "a.exr", [0, 0, -1], 4, 1e-6, 1), there, rtol=1e-5)
+
+
+def test_scalar_variants_have_a_pyramid(fabric: Callable[..., Material], tmp_path: Path) -> None:
+    """Their masks are Python's bools, which `~` does not invert; a near point sees the map, far ones the top level."""
+    choose("scalar_rgb")
+    write_material(tmp_path / "a.exr", weave(fabric))
+
+    def seen(angle: float, distance: float, u: float) -> np.ndarray:
+        bsdf = mi.load_dict({"type": "kinran", "filename": str(tmp_path / "a.exr"), "pixel_angle": angle})
+        si = dr.zeros(mi.SurfaceInteraction3f)
+        si.t, si.uv, si.dp_du, si.dp_dv = distance, mi.Point2f(u, 0.5), mi.Vector3f(1, 0, 0), mi.Vector3f(0, 1, 0)
+        si.wi, si.sh_frame = mi.Vector3f(0, 0, 1), mi.Frame3f(mi.Normal3f(0, 0, 1))
+        return np.array(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(0, 0, 1)))
+
+    np.testing.assert_allclose(seen(PIXEL, 1e-3, 0.3), seen(0.0, 1e-3, 0.3), rtol=1e-6)
+    np.testing.assert_allclose(seen(PIXEL, 1e3, 0.3), seen(PIXEL, 1e3, 0.6), rtol=1e-5)
 
 
 def test_only_changed_maps_are_filtered_again(jit: str, fabric: Callable[..., Material], tmp_path: Path) -> None:

@@ -44,7 +44,7 @@ rule capture:
         device=config["rig"]["device"],
         virtual=virtual_rig,
         revisions=revisions,
-        # of the virtual rig's frames; a camera's are what they are
+        # code that decides the virtual rig's frames; a camera's do not depend on code
         code=(
             digest("kinran.virtual.devices")
             if config["rig"]["device"] == "virtual"

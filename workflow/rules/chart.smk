@@ -21,7 +21,7 @@ rule chart_kind:
         "logs/{fabric}/chart/{kind}.log",
     benchmark:
         "results/{fabric}/benchmarks/chart.{kind}.tsv"
-    # one at a time, so that no other job spoils the times
+    # one at a time, so that no other job disturbs the timings
     threads: workflow.cores
     resources:
         mem_mb=3000,

@@ -19,17 +19,17 @@ class Lambert(Model):
 
 
 def diffuse(light: Any, x: Any, y: Any, *, xp: ModuleType = np) -> Any:
-    """max(0, l_z + x l_x + y l_y): what a Lambertian facet of slopes (x, y) shows at V = N."""
+    """Return the diffuse factor at V = N of a Lambertian facet of slopes (x, y): max(0, l_z + x l_x + y l_y)."""
     lx, ly, lz = light
     return xp.maximum(lz + x * lx + y * ly, 0.0)
 
 
 def diffuse_lift(view: Any, light: Any, x: Any, y: Any, floor: Any, *, xp: ModuleType = np) -> Any:
-    """Diffuse shape for any view: T = amplitude · colour · this; `diffuse` at V = N.
+    """Return the diffuse factor for any view, T / (amplitude · colour), which is `diffuse` at V = N.
 
-    f_r = r(v) r(l) with r(w) = 1 + (x w_x + y w_y) / w_z, the projected area of a facet of slopes (x, y) over
-    that of the fabric, which is exact for facets that do not shadow each other. r is limited to [0, 2] by
-    V-cavity masking, released towards the measured view. Symmetric in v and l.
+    It is r(v) r(l) l_z with r(w) = 1 + (x w_x + y w_y) / w_z, the projected area of a facet of slopes (x, y) over that
+    of the fabric, which is exact for facets that do not shadow each other. V-cavity masking, released towards the
+    measured view, limits r to [0, 2]. The BRDF r(v) r(l) is symmetric in v and l.
     """
     cap = 2 / xp.maximum(1 - release(view, light, xp=xp), 1e-4)
 
@@ -41,5 +41,5 @@ def diffuse_lift(view: Any, light: Any, x: Any, y: Any, floor: Any, *, xp: Modul
 
 
 def diffuse_albedo(x: Any, y: Any, *, xp: ModuleType = np) -> Any:
-    """Albedo at V = N of the diffuse shape: ∫ max(0, l_z + x l_x + y l_y) dω = π (1 + √(1 + x² + y²)) / 2."""
+    """Return the albedo of the diffuse factor: ∫ max(0, l_z + x l_x + y l_y) dω = π (1 + √(1 + x² + y²)) / 2."""
     return 0.5 * np.pi * (1 + xp.sqrt(1 + x * x + y * y))

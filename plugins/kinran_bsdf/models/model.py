@@ -1,4 +1,4 @@
-"""What a reflection model is: all that the fit, the relighting and the renderer ask of one.
+"""The interface of a reflection model to the fit, the relighting and the renderer.
 
 Directions are triples of NumPy or of Dr.Jit arrays in the frame of the fabric: X weft, Y warp, Z normal.
 """
@@ -11,23 +11,25 @@ import numpy as np
 from kinran_bsdf.arrays import Map, Mask
 
 GRAZING = float(np.cos(np.radians(85.0)))
-"""Cosine from which T fades to the horizon: the paper's grid of lights ends at 80°."""
-WIDTH_FLOOR = 1e-3  # radians, or slope at N; its square is the floor of a variance
+"""Cosine from which T fades to the horizon: that of 85°, a step beyond the paper's grid of lights (Takeda2008, §4)."""
+WIDTH_FLOOR = 1e-3
+"""Least width of a lobe, in radians or as a slope; its square is the least squared width. A choice: 1/20 of the
+narrowest lobe that a fit allows."""
 
 
 class Model:
-    """A model of the lobes of a texel; the diffuse term is the same in all of them (`lambert`).
+    """A model of the lobes of a texel; the diffuse term is the same in all models (`lambert`).
 
-    A lobe is 1 at its centre, and its `shape` is the sequence of its parameters. What has the parameter `xp`, the
-    module of its mathematics (``numpy`` or ``drjit``), takes NumPy and Dr.Jit arrays alike. Views and lights are
-    triples.
+    A lobe is 1 at its centre, and its `shape` is the sequence of its parameters. Methods with the parameter `xp`, the
+    module of their mathematics (``numpy`` or ``drjit``), take arrays of both. Views and lights are triples of unit
+    vectors' components.
 
     Attributes
     ----------
     name
-        As files and scenes have it.
+        Name of the model in files and scenes.
     parameters
-        Channels of a lobe's shape, in their order, and the values that they have where nobody gives any.
+        Channels of a lobe's shape in their order, with their default values.
     counts
         Numbers of lobes that a material can have.
     filtered
@@ -45,7 +47,7 @@ class Model:
 
     @classmethod
     def of(cls, tail: str, lobes: int) -> "Model":
-        """The model as the header of a material describes it; a model without a tail ignores it."""
+        """Return the model with the tail and lobes of a material's header; a model without tails ignores them."""
         return cls()
 
     @property
@@ -54,49 +56,52 @@ class Model:
         return {"diffuse": {"x": 0.0, "y": 0.0}} | {f"lobe{k + 1}": self.parameters for k in range(self.lobes)}
 
     def value(self, view: Any, light: Any, shape: Any, *, xp: ModuleType = np) -> Any:
-        """Lobe G(h) as it was fitted: T / (amplitude · colour) near the measured view V = N."""
+        """Return the lobe G(h) as it was fitted: T / (amplitude · colour) near the measured view V = N."""
         raise NotImplementedError
 
     def lobe(self, view: Any, light: Any, shape: Any, floor: Any, *, xp: ModuleType = np) -> Any:
-        """Lobe for any view: T / (amplitude · colour), which fades below the cosine `floor` of the lowest light."""
+        """Return the lobe for any view, T / (amplitude · colour); it fades below `floor`, the lowest light's cosine."""
         return self.value(view, light, shape, xp=xp)
 
     def albedo(self, shape: Any, *, xp: ModuleType = np) -> Any:
-        """Albedo at V = N of a lobe of amplitude 1, nearly, in closed form."""
+        """Return the approximate albedo at V = N of a lobe of amplitude 1, in closed form."""
         raise NotImplementedError
 
     def integral(self, shape: Map, nodes: int) -> Map:
-        """The same by quadrature with `nodes` nodes a dimension; shape (n, …)."""
+        """Return the albedo (…) of `albedo` by quadrature with `nodes` nodes per dimension; shape (n, …)."""
         raise NotImplementedError
 
     @property
     def spread(self) -> int:
-        """Squared width of a lobe whose slopes have the variance 1, judged by how it falls at its centre."""
+        """Squared width of a lobe whose slopes have the variance 1, by its curvature at the centre."""
         raise NotImplementedError
 
     def without_width(self, shape: Any) -> Mask:
-        """Which lobes are none, as they have no positive width."""
+        """Return which lobes (…) have no positive width; shape (n, …)."""
         raise NotImplementedError
 
     def floor_widths(self, shape: Map) -> None:
-        """Raise the widths of lobes (…, n) to `WIDTH_FLOOR` where they are smaller, in place."""
+        """Raise the widths of lobes (…, n) to at least `WIDTH_FLOOR`, in place."""
         raise NotImplementedError
 
     def confined(self, shape: list[Any]) -> list[Any]:
-        """Shape of a lobe that can be rendered, whatever textures say (Dr.Jit)."""
+        """Return the shape of a lobe, moved into the range that can be rendered (Dr.Jit)."""
         raise NotImplementedError
 
     def sample(self, shape: list[Any], u: Any) -> Any:
-        """Half vector drawn from a lobe with two uniform numbers `u` (Dr.Jit)."""
+        """Return a half vector drawn from a lobe with two uniform numbers `u` (Dr.Jit)."""
         raise NotImplementedError
 
     def density(self, shape: list[Any], view: Any, light: Any) -> Any:
-        """Density in solid angle of the light that `sample` leads to from `view`: p(h) / (4 v·h) (Dr.Jit)."""
+        """Return the density in solid angle of the light that `sample` gives for `view`: p(h) / (4 v·h) (Dr.Jit)."""
         raise NotImplementedError
 
 
 def release(view: Any, light: Any, *, xp: ModuleType = np) -> Any:
-    """1 where view or light is N, falling to 0.32 at 30° and 0.004 at 60°: how far data speak there."""
+    """Return the weight of the measured view, max(cos θ_v, cos θ_l)⁸.
+
+    It is 1 where view or light is N, 0.32 at 30°, and 0.004 at 60°. The exponent is a choice.
+    """
     c = xp.maximum(view[2], light[2])
     c = c * c
     c = c * c
@@ -104,5 +109,5 @@ def release(view: Any, light: Any, *, xp: ModuleType = np) -> Any:
 
 
 def grazing(theta_max: float) -> float:
-    """Cosine from which T fades to the horizon: of 85°, or of the lowest measured light if that is lower."""
+    """Return the cosine from which T fades to the horizon: of 85°, or of the largest measured θ (radians) if larger."""
     return float(min(GRAZING, max(np.cos(theta_max), 1e-3)))

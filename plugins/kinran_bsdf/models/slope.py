@@ -11,6 +11,7 @@ from kinran_bsdf.arrays import Map, Mask, mi
 from kinran_bsdf.models.model import WIDTH_FLOOR, Model, release
 
 TAILS = ("gaussian", "ggx")
+"""Tails of the lobes; the shape of ``ggx`` is that of Walter2007."""
 
 
 @dataclass(frozen=True)
@@ -23,9 +24,9 @@ class Slope(Model):
     Attributes
     ----------
     tail
-        ``gaussian`` or ``ggx``.
+        Tail of the lobes: ``gaussian`` or ``ggx``.
     lobes
-        1 or 2.
+        Number of lobes: 1 or 2.
     x, y
         Parameters of a lobe: mean slope μ of its facets along weft and warp.
     xx, xy, yy
@@ -52,7 +53,7 @@ class Slope(Model):
     def of_slopes(
         self, hx_over_hz: Any, hy_over_hz: Any, x: Any, y: Any, xx: Any, xy: Any, yy: Any, *, xp: ModuleType = np
     ) -> Any:
-        """G at slopes of the half vector."""
+        """Return G at slopes of the half vector."""
         dx, dy = hx_over_hz - x, hy_over_hz - y
         q = (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy)
         if self.tail == "gaussian":
@@ -68,13 +69,13 @@ class Slope(Model):
         return self.value(view, light, shape, xp=xp) * lobe_lift(view, light, floor, xp=xp)
 
     def albedo(self, shape: Any, *, xp: ModuleType = np) -> Any:
-        """4 ∫ G h_z⁴ dx dy ≈ 4π √|S| / (1 + |μ|² + tr S / 2)²."""
+        """Return 4 ∫ G h_z⁴ dx dy ≈ 4π √|S| / (1 + |μ|² + tr S / 2)²."""
         x, y, xx, xy, yy = shape
         z = 1 / (1 + x * x + y * y + 0.5 * (xx + yy))
         return 4 * np.pi * xp.sqrt(xp.maximum(xx * yy - xy * xy, 0.0)) * z * z
 
     def integral(self, shape: Map, nodes: int) -> Map:
-        """4 ∫ G h_z⁴ dx dy over slopes under 1 (lights above the horizon), by equal-energy nodes of the lobe."""
+        """Return 4 ∫ G h_z⁴ dx dy over slopes under 1 (lights above the horizon), by nodes of equal energy."""
         x, y, xx, xy, yy = shape
         a = np.sqrt(xx)
         b, c = xy / a, np.sqrt(np.maximum(yy - xy * xy / xx, 0))
@@ -123,13 +124,13 @@ class Slope(Model):
 
 
 def lobe_lift(view: Any, light: Any, floor: Any, *, xp: ModuleType = np) -> Any:
-    """What takes a slope lobe from the measured view to another: T = amplitude · colour · G(h) · lift.
+    """Return the factor that extrapolates a slope lobe to any view: T = amplitude · colour · G(h) · lift.
 
-    The lobe is read as a distribution of facets, D = G: f_r = D W / (cos θ_v cos θ_l), with V-cavity masking
-    [Cook & Torrance 1982, without its factor of 2] released towards the measured view, where masking is in
-    the data already: W = min(1, h_z / (v·h) · m), m the larger of min(cos θ_v, cos θ_l) and
-    max(cos θ_v, cos θ_l)⁸. Symmetric in v and l; 1 at V = N down to `floor`, the cosine of the lowest
-    measured light, from which T fades to 0 at the horizon.
+    The lobe is taken as a distribution of facets, D = G: f_r = D W / (cos θ_v cos θ_l), with V-cavity masking
+    ([Cook1982], without its factor of 2) that is released towards the measured view, where the data include masking:
+    W = min(1, h_z / (v·h) · m), m the larger of min(cos θ_v, cos θ_l) and max(cos θ_v, cos θ_l)⁸. The BRDF is symmetric
+    in v and l. The factor is 1 at V = N down to `floor`, the cosine of the lowest measured light, from which T fades to
+    0 at the horizon.
     """
     cv, cl = view[2], light[2]
     z = cv + cl

@@ -9,15 +9,18 @@ import numpy as np
 from kinran_bsdf.arrays import Map, Mask, mi
 from kinran_bsdf.models.model import WIDTH_FLOOR, Model
 
-NEWTON_STEPS = 8  # with 4 wide lobes come out biased
+NEWTON_STEPS = 8
+"""Newton steps that invert the distribution of θ: 8 leave no bias in two million samples (Kolmogorov-Smirnov), 4 do in
+wide lobes."""
 ALMOST_ONE = 0.9999999
+"""Largest argument of erfinv, which is infinite at 1: the second number below 1 in single precision, a choice."""
 
 
 class Takeda2008(Model):
     """Takeda2008, Eq. 3: G = exp(−((θ_h − θ_n) / dt)² − ((φ_h − φ_n) / dp)²), at every view.
 
-    The difference of azimuths is wrapped to [−π, π]: the paper does not say so, but without it a lobe at 350°
-    is not seen from 10°. All in radians. Angles cannot be averaged: maps are looked up unfiltered.
+    The difference of azimuths is wrapped to [−π, π]: the paper does not say so, but without it a lobe at 350° is dark
+    at 10°. All angles are in radians. Angles cannot be averaged, so that maps are looked up unfiltered.
 
     Attributes
     ----------
@@ -35,7 +38,7 @@ class Takeda2008(Model):
 
     @staticmethod
     def of_angles(theta_h: Any, phi_h: Any, theta: Any, phi: Any, dt: Any, dp: Any, *, xp: ModuleType = np) -> Any:
-        """G at polar angles of the half vector."""
+        """Return G at polar angles of the half vector, in radians."""
         turn = phi_h - phi
         turn = turn - 2 * np.pi * xp.round(turn / (2 * np.pi))
         a, b = (theta_h - theta) / dt, turn / dp
@@ -45,13 +48,13 @@ class Takeda2008(Model):
         return self.of_angles(*half_angles(view, light, xp=xp), *shape, xp=xp)
 
     def albedo(self, shape: Any, *, xp: ModuleType = np) -> Any:
-        """≈ 2π dt dp sin 2θ_n away from the pole."""
+        """Return the approximate albedo, 2π dt dp sin 2θ_n away from the pole."""
         theta, _, dt, dp = shape
         sine = xp.maximum(xp.sin(theta), 0.5 * dt)
         return 4 * np.pi * dt * xp.minimum(dp, 2 * np.pi**0.5) * sine * xp.maximum(xp.cos(theta), 0.05)
 
     def integral(self, shape: Map, nodes: int) -> Map:
-        """∫ G 2 sin 2θ_h dθ_h dφ_h over θ_h < 45° (lights above the horizon): a product of two integrals."""
+        """Return ∫ G 2 sin 2θ_h dθ_h dφ_h over θ_h < 45° (lights above the horizon), as a product of two integrals."""
         theta, _, dt, dp = shape
         low, high = np.clip(theta - 4 * dt, 0, np.pi / 4), np.clip(theta + 4 * dt, 0, np.pi / 4)
         reach = np.minimum(np.pi, 4 * dp)
@@ -73,9 +76,8 @@ class Takeda2008(Model):
     def confined(self, shape: list[Any]) -> list[Any]:
         return shape[:2] + [dr.maximum(v, WIDTH_FLOOR) for v in shape[2:]]
 
-    # The density in θ ∝ θ exp(−((θ − m) / s)²) on [0, π/2]. One without the factor θ has a spike 1 / sin θ at the
-    # pole, which no weight and no quadrature grid takes well. With x = (θ − m) / s its antiderivative is s times
-    # `_primitive`.
+    # The density in θ is ∝ θ exp(−((θ − m) / s)²) on [0, π/2]. Without the factor θ, the density in solid angle would
+    # have a spike 1 / sin θ at the pole. With x = (θ − m) / s, the antiderivative is s times `_primitive`.
 
     def sample(self, shape: list[Any], u: Any) -> Any:
         theta, phi, dt, dp = shape
@@ -89,7 +91,7 @@ class Takeda2008(Model):
             low = dr.select(error < 0, x, low)
             high = dr.select(error < 0, high, x)
             step = x - error / dr.maximum((theta + dt * x) * dr.exp(-x * x), 1e-12)
-            # with strict comparisons it oscillates
+            # with strict comparisons the iteration oscillates
             x = dr.select((step >= low) & (step <= high), step, 0.5 * (low + high))
         polar = dr.clip(theta + dt * x, 0, 0.5 * dr.pi)
         spread = dr.clip((2 * u.y - 1) * dr.erf(dr.pi / dp), -ALMOST_ONE, ALMOST_ONE)
@@ -110,7 +112,7 @@ class Takeda2008(Model):
 
 
 def half_angles(view: Any, light: Any, *, xp: ModuleType = np) -> tuple[Any, Any]:
-    """Polar angles (θ_h, φ_h) of the half vector of two unit vectors, given as triples; φ_h = 0 at N."""
+    """Return the polar angles (θ_h, φ_h), in radians, of the half vector of two unit vectors; φ_h = 0 at N."""
     x, y, z = view[0] + light[0], view[1] + light[1], view[2] + light[2]
     return xp.atan2(xp.sqrt(x * x + y * y), z), xp.atan2(y, x)
 

@@ -1,4 +1,4 @@
-"""How image values encode linear light: sRGB, a power, or not at all.
+"""Encodings of linear light in image values: sRGB, a power law, or none.
 
 The plugin, which is installed without this package, has the same curves for NumPy and Dr.Jit (`kinran_bsdf.residual`).
 """

@@ -89,9 +89,9 @@ def read_as(path: Path, kind: type[T], what: str, remedy: str = "make it again")
     kind
         Type that its content must fit.
     what
-        What the file should be, for the error: "a plan".
+        Name of the content for the error, such as "a plan".
     remedy
-        What to do about a file that is something else.
+        Remedy for the error.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def check_name(name: str, what: str) -> str:
     Raises
     ------
     InputError
-        It has other characters than a-z, 0-9, ``_`` and ``-``, or starts with one of the last two.
+        The name has other characters than a-z, 0-9, ``_`` and ``-``, or starts with one of the last two.
     """
     if not NAME.fullmatch(name):
         raise InputError(f"{what} '{name}': use only a-z, 0-9, _ and -, starting with a letter or digit")

@@ -25,7 +25,7 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class Mark:
-    """One thing on a canvas.
+    """One mark on a canvas.
 
     Attributes
     ----------
