@@ -1,5 +1,6 @@
 """The solver is compiled once, by a process of its own, and no process runs what it compiled itself."""
 
+import os
 import subprocess
 import sys
 import threading
@@ -18,8 +19,8 @@ EVERYTHING = """
 import numpy as np
 from dataclasses import replace
 from synthetic_texels import grid, radiance, sampled, texels
-from kinran.fit import bounded, samples, slope, uncertainty
-from kinran.fit.slope import Lobes
+from kinran.fit import bounded, gauss_newton, samples, slope
+from kinran.fit.slope_lobes import Lobes
 from kinran.fit.solver import fused, hessian, start, sums, turn
 
 lights = grid(20, 12)
@@ -31,7 +32,7 @@ for some in (whole, strided, few):
         fitted = slope.fit(some, lobes)
         fitted.predict(some.under)
         bounded.refit(fitted, some)
-        uncertainty.covariances(fitted, some)
+        gauss_newton.covariances(fitted, some)
 bounded.as_pair(slope.fit(whole, Lobes()), Lobes("gaussian", 2))
 samples.texels_first(np.ones((3, 2, 2, 3), np.float16), np.zeros((3, 2, 2, 3), np.uint8), np.ones(256, np.float32))
 called = fused.fit_block, sums.summed, hessian.covariances, start.pair, turn.turn
@@ -42,8 +43,9 @@ print([f.__name__ for f in called if f.stats.cache_misses or not f.stats.cache_h
 def test_no_process_runs_what_it_compiled() -> None:
     """All that a fit calls comes from the cache, whatever the layout of its samples."""
     solver.prepare()
-    here = Path(__file__).parent
-    done = subprocess.run([sys.executable, "-c", EVERYTHING], cwd=here, capture_output=True, text=True, check=False)
+    tests = Path(__file__).parents[1]
+    known = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tests.parent), str(tests / "helpers")])}
+    done = subprocess.run([sys.executable, "-c", EVERYTHING], env=known, capture_output=True, text=True, check=False)
     assert done.stdout.strip() == "[]", done.stderr
 
 
