@@ -1,4 +1,4 @@
-"""Mitsuba 3 BSDF for measured, spatially varying fabric.
+"""Mitsuba 3 BSDF of measured, spatially varying fabric.
 
 Importing this package registers the BSDF `kinran` and the integrator `kinran_measured` for the current and
 every later variant.

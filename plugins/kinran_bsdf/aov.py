@@ -1,17 +1,17 @@
-"""The integrator `kinran_measured`: how far each pixel of a picture is from what was measured.
+"""The integrator `kinran_measured`: the distance of each pixel of a picture from the measured view.
 
-The fabric was seen from V = N alone. What a camera sees at an angle θ_v to its normal is extrapolated over
+The fabric was measured from V = N alone. Radiance towards a camera at an angle θ_v to the normal is extrapolated over
 that angle, except where the light comes along N (by reciprocity, which `takeda2008` does not have).
 """
 
 from typing import Any
 
 import drjit as dr
-import mitsuba
 
-mi: Any = mitsuba  # its types are those of the variant, at run time
+from kinran_bsdf.arrays import mi
 
 ATTRIBUTES = ("measured_distance", "label", "bound")
+"""Channels of the integrator: attributes of the BSDF."""
 
 
 def register() -> None:

@@ -1,20 +1,23 @@
-"""The BSDF `kinran`, for whichever Mitsuba variant is current."""
+"""The BSDF `kinran`, for the current variant of Mitsuba."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
-import mitsuba
 import numpy as np
 
-from kinran_bsdf import models, sampling
+from kinran_bsdf.arrays import mi
 from kinran_bsdf.maps import PackedMaps, Term, Texel, TextureMaps
-from kinran_bsdf.material import MODELS, TAILS, read_material
+from kinran_bsdf.material import read_material
+from kinran_bsdf.models import MODELS, TAILS, Slope
+from kinran_bsdf.models.lambert import diffuse_albedo, diffuse_lift
+from kinran_bsdf.models.model import GRAZING, grazing, release
 
-mi: Any = mitsuba  # its types are those of the variant, at run time
-
-DEFENSIVE = 0.1  # share of samples that terms get evenly, whatever their energy
-RESIDUAL_LEAST = 1e-6  # least albedo of the diffuse term in sampling, where a residual can show what no term does
+DEFENSIVE = 0.1
+"""Share of samples that terms get evenly, whatever their albedo: a choice."""
+RESIDUAL_LEAST = 1e-6
+"""Least albedo of the diffuse term in sampling where there is a residual, which can be bright where all terms are 0. A
+choice: any positive number keeps sampling unbiased."""
 
 
 def register() -> None:
@@ -23,19 +26,19 @@ def register() -> None:
 
 
 def _make_class() -> Any:
-    """The class must be defined anew for each variant: its base is another type in each."""
+    """Define the class for the current variant: its base is another type in each."""
 
     class Kinran(mi.BSDF):
-        """Measured fabric; see docs/plugin.md for the parameters."""
+        """Measured fabric; docs/plugin.md lists the parameters."""
 
         def __init__(self, props: Any) -> None:
             mi.BSDF.__init__(self, props)
             pixel_angle = float(props.get("pixel_angle", 0.0))
             self.maps, floor = _maps(props, pixel_angle > 0)
-            self.model, self.tail, self.lobes = self.maps.model, self.maps.tail, self.maps.lobes
+            self.model, self.lobes = self.maps.model, self.maps.model.lobes
             transform = props.get("to_uv", mi.ScalarTransform4f())
             self.to_uv = np.array(transform.matrix, np.float64)[:2, [0, 1, 3]]
-            # opaque: a number in the code would make a kernel of its own for each fabric
+            # opaque: literals would give each fabric a kernel of its own
             self.floor = dr.opaque(mi.Float, floor)
             self.rows = [[dr.opaque(mi.Float, float(v)) for v in row] for row in self.to_uv]
             self.weft = [dr.opaque(mi.Float, float(v)) for v in np.linalg.pinv(self.to_uv[:, :2])[:, 0]]
@@ -45,7 +48,7 @@ def _make_class() -> Any:
             self._set_flags()
 
         def _measure(self) -> None:
-            """Texels of the unit square of texture coordinates, times the solid angle of a pixel."""
+            """Set `per_texel`: texels of the unit square of texture coordinates, times the solid angle of a pixel."""
             self.per_texel = None
             if self.pixel_angle:
                 height, width = self.maps.size
@@ -76,16 +79,16 @@ def _make_class() -> Any:
             return self.maps.fetch(si, self._uv(si), None if self.per_texel is None else self._level(si), active)
 
         def _level(self, si: Any) -> Any:
-            """Level of the pyramid whose texels are as large as a pixel's footprint.
+            """Return the level of the pyramid whose texels are as large as a pixel's footprint.
 
-            Integrators hand no ray differentials to BSDFs. The distance from the previous vertex times the
-            angle of a pixel is the footprint of a camera ray, and less than that of a bounce.
+            Integrators hand no ray differentials to BSDFs. The distance from the previous vertex times the angle of a
+            pixel is the footprint of a camera ray, and smaller than that of a bounce.
             """
             texels = self.per_texel * dr.square(si.t) / dr.maximum(si.wi.z, 0.1)
             return 0.5 * dr.log2(dr.maximum(texels, 1e-20) / dr.maximum(dr.norm(dr.cross(si.dp_du, si.dp_dv)), 1e-20))
 
         def _axes(self, si: Any) -> tuple[Any, Any, Any]:
-            """Cosine and sine of the weft in the shading frame, and the sign that makes the warp +v."""
+            """Return the weft's cosine and sine in the shading frame (None: 1, 0), and the sign for a warp along +v."""
             m = self.to_uv[:, :2]
             sign = dr.select(dr.dot(si.sh_frame.t, si.dp_dv) < 0, mi.Float(-1), mi.Float(1))
             if m[0, 1] == 0 and m[1, 0] == 0 and m[0, 0] > 0:
@@ -97,7 +100,7 @@ def _make_class() -> Any:
 
         @staticmethod
         def _to_fabric(axes: Any, w: Any) -> Any:
-            """Direction in the shading frame to the frame of the fabric: X weft, Y warp."""
+            """Turn a direction from the shading frame to the frame of the fabric: X weft, Y warp."""
             c, s, sign = axes
             if c is None:
                 return mi.Vector3f(w.x, sign * w.y, w.z)
@@ -112,20 +115,20 @@ def _make_class() -> Any:
             return mi.Vector3f(c * w.x - s * y, s * w.x + c * y, w.z)
 
         def _enabled(self, ctx: Any) -> tuple[list[bool], bool]:
-            """Which of the terms (diffuse, lobes) and whether the back side are asked for."""
+            """Return whether each term (diffuse, then lobes) is enabled, and whether the back side is."""
             glossy, diffuse = mi.BSDFFlags.GlossyReflection, mi.BSDFFlags.DiffuseReflection
             lobes = [ctx.is_enabled(glossy, k) for k in range(self.lobes)]
             back = self.back is not None and ctx.is_enabled(diffuse, self.lobes + 1)
             return [ctx.is_enabled(diffuse, self.lobes), *lobes], back
 
         def _probabilities(self, terms: list[Term], enabled: list[bool]) -> list[Any]:
-            """Probability of sampling each term: its share of the albedo at V = N, plus a defensive share."""
+            """Return the probability of sampling each term: its share of the albedo at V = N, and a defensive share."""
             weights = []
             for k, term in enumerate(terms):
                 if not enabled[k]:
                     weights.append(mi.Float(0))
                     continue
-                unit = sampling.energy(self.model, term.shape) if k else dr.pi
+                unit = self.model.albedo(term.shape, xp=dr) if k else dr.pi
                 least = RESIDUAL_LEAST if k == 0 and self.maps.residual is not None else 0.0
                 weights.append(dr.detach(dr.maximum(dr.maximum(term.strength, 0) * unit, least)))
             total = sum(weights)
@@ -135,7 +138,7 @@ def _make_class() -> Any:
             return [w * norm for w in weights]
 
         def _value(self, si: Any, texel: Texel, enabled: list[bool], v: Any, l: Any) -> Any:  # noqa: E741
-            """T; a residual goes with the diffuse term."""
+            """Return T as a spectrum; the residual belongs to the diffuse term."""
             terms = texel.terms
             if self.maps.residual is not None and enabled[0]:
                 change = self._residual(texel, v, l)
@@ -149,17 +152,17 @@ def _make_class() -> Any:
             return value
 
         def _factors(self, terms: list[Term], v: Any, l: Any) -> list[Any]:  # noqa: E741
-            """What colour · amplitude of each term is multiplied by for a view and a light."""
+            """Return the factor of each term's colour · amplitude for a view and a light."""
             x, y = terms[0].shape
-            factors = [models.diffuse_lift(v, l, x, y, self.floor, xp=dr)]
+            factors = [diffuse_lift(v, l, x, y, self.floor, xp=dr)]
             for term in terms[1:]:
-                factors.append(models.lobe(self.model, self.tail, v, l, term.shape, self.floor, xp=dr))
+                factors.append(self.model.lobe(v, l, term.shape, self.floor, xp=dr))
             return factors
 
         def _residual(self, texel: Texel, v: Any, l: Any) -> list[Any]:  # noqa: E741
-            """Residual at the light that has the same half vector at the measured view, fading out beyond it.
+            """Return the residual's change of T, three bands in Rec. 709.
 
-            Three bands in Rec. 709.
+            It is that under the light with the same half vector at the measured view, and fades out at other views.
             """
             h = dr.normalize(v + l)
             view = mi.Vector3f(0, 0, 1)
@@ -167,13 +170,13 @@ def _make_class() -> Any:
             lobes = _bands(texel.terms, self._factors(texel.terms, view, light))
             measured = light.z >= self.floor
             change = self.maps.residual.change(lobes, texel.residual, light, measured)
-            fade = dr.select(measured, models.release(v, l, xp=dr), 0)
+            fade = dr.select(measured, release(v, l, xp=dr), 0)
             return [fade * c for c in change]
 
         def _density(self, terms: list[Term], p: list[Any], v: Any, l: Any) -> Any:  # noqa: E741
             density = p[0] * l.z * dr.inv_pi
             for probability, term in zip(p[1:], terms[1:], strict=True):
-                density += probability * sampling.density(self.model, self.tail, term.shape, v, l)
+                density += probability * self.model.density(term.shape, v, l)
             return density
 
         # ---------------------------------------------------------------------------------- interface
@@ -197,7 +200,7 @@ def _make_class() -> Any:
                 if self.lobes == 2:
                     shape = [dr.select(first, a, b) for a, b in zip(shape, terms[2].shape, strict=True)]
                 pick = sample1 < sum(p[1:])
-                h = sampling.sample_half_vector(self.model, self.tail, shape, sample2)
+                h = self.model.sample(shape, sample2)
                 light = dr.select(pick, mi.reflect(v, mi.Normal3f(h)), light)
                 component = dr.select(pick, dr.select(first, mi.UInt32(0), mi.UInt32(self.lobes - 1)), component)
             light = dr.detach(light)
@@ -259,7 +262,7 @@ def _make_class() -> Any:
 
         def eval_diffuse_reflectance(self, si: Any, active: Any = True) -> Any:
             term = self._texel(si, active).terms[0]
-            return mi.depolarizer(term.colour * models.diffuse_albedo(*term.shape, xp=dr))
+            return mi.depolarizer(term.colour * diffuse_albedo(*term.shape, xp=dr))
 
         def has_attribute(self, name: str, active: Any = True) -> Any:
             return active & (name == "measured_distance" or name in self.maps.attributes)
@@ -282,39 +285,40 @@ def _make_class() -> Any:
                 self._measure()
 
         def to_string(self) -> str:
-            return f"Kinran[model={self.model}, tail={self.tail}, lobes={self.lobes}]"
+            values = {"model": self.model.name} | vars(self.model)
+            return f"Kinran[{', '.join(f'{name}={value}' for name, value in values.items())}]"
 
     return Kinran
 
 
 def _bands(terms: list[Term], factors: list[Any]) -> list[Any]:
-    """T in Rec. 709 of terms under their factors."""
+    """Return T, three bands in Rec. 709, of terms with their factors."""
     return [sum(f * t.bands[c] for f, t in zip(factors, terms, strict=True)) for c in range(3)]
 
 
 def _none(mask: Any) -> bool:
-    """Whether a scalar variant has nothing to do here; JIT variants never know."""
+    """Return whether a mask is a scalar variant's False; JIT variants never know."""
     return isinstance(mask, bool) and not mask
 
 
 def _maps(props: Any, pyramid: bool) -> tuple[Any, float]:
-    """Parameters of a BSDF and the cosine from which it fades to the horizon."""
+    """Return the maps of a BSDF, and the cosine from which it fades to the horizon."""
     if "filename" not in props:
         if pyramid:
             raise ValueError("kinran: pixel_angle needs a material file; textures have no pyramid")
-        model = _choice(props, "model", "slope", MODELS)
-        tail = _choice(props, "tail", "gaussian", TAILS)
-        lobes = 0 if model == "lambert" else 2 if model == "slope" and "lobe2" in props else 1
-        return TextureMaps(props, model, tail, lobes), models.GRAZING
+        model = MODELS[_choice(props, "model", Slope.name, tuple(MODELS))]
+        tail = _choice(props, "tail", TAILS[0], TAILS)
+        lobes = max((n for n in model.counts if f"lobe{n}" in props), default=model.counts[0])
+        return TextureMaps(props, model.of(tail, lobes)), GRAZING
     material = read_material(str(mi.file_resolver().resolve(props["filename"])))
-    angular = material.model == "takeda2008"
-    mode = _choice(props, "filter", "nearest" if angular else "bilinear", ("nearest", "bilinear"))
-    if angular and mode != "nearest":
-        raise ValueError("kinran: filter 'bilinear' would average angles of takeda2008; use 'nearest' or fit slope")
-    if angular and pyramid:
-        raise ValueError("kinran: pixel_angle would average angles of takeda2008; leave it out or fit slope")
+    filtered, what = material.reflection.filtered, f"would average angles of {material.model}"
+    mode = _choice(props, "filter", "bilinear" if filtered else "nearest", ("nearest", "bilinear"))
+    if not filtered and mode != "nearest":
+        raise ValueError(f"kinran: filter 'bilinear' {what}; use 'nearest' or fit {Slope.name}")
+    if not filtered and pyramid:
+        raise ValueError(f"kinran: pixel_angle {what}; leave it out or fit {Slope.name}")
     wrap = _choice(props, "wrap_mode", "repeat", ("repeat", "clamp"))
-    floor = models.grazing(material.theta_max)
+    floor = grazing(material.theta_max)
     return PackedMaps(material, mode, wrap, floor, pyramid), floor
 
 

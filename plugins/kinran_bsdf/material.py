@@ -7,49 +7,35 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import mitsuba
 import numpy as np
-from numpy.typing import NDArray
 
+from kinran_bsdf.arrays import Array, Map, mi
+from kinran_bsdf.models import MODELS, TAILS, Model
 from kinran_bsdf.residual import Residual
 from kinran_bsdf.residual import channel_names as residual_names
 
-mi: Any = mitsuba  # its types are those of the variant, at run time
-
-Map = NDArray[np.float32]
-
 VERSION = "1"
-MODELS = ("takeda2008", "slope", "lambert")
-TAILS = ("gaussian", "ggx")
-SHAPES = {"takeda2008": ("theta", "phi", "dt", "dp"), "slope": ("x", "y", "xx", "xy", "yy"), "lambert": ()}
+"""Version of the file; another one is refused."""
+NEEDED = ("version", "cosine", "model", "lobes", "regions", "colour", "from_stack", "texel_mm", "source", "measured")
+"""Header attributes that a file must have."""
 COLOUR = "lin_ap1_scene"
+"""Colour space of the maps: linear ACEScg."""
 FRAME = "X=+u=weft, Y=+v=warp, Z=view; row 0 is v=0"
-NEUTRAL = {
-    "x": 0.0,
-    "y": 0.0,
-    "xx": 0.04,
-    "xy": 0.0,
-    "yy": 0.04,
-    "theta": 0.0,
-    "phi": 0.0,
-    "dt": 0.2,
-    "dp": 0.5,
-}
-WIDTH_FLOOR = 1e-3  # radians, of dt and dp; its square is the floor of a variance
+"""Frame of the maps, for the header."""
 
 
 @dataclass(frozen=True)
 class Material:
-    """Maps of a fabric.
+    """Material of a fabric: its maps and their meaning.
 
     Attributes
     ----------
     channels
         Maps (H, W) by channel name; row 0 is v = 0, the bottom of the fabric.
     model
-        ``takeda2008``, ``slope`` or ``lambert``.
+        Name of the model, one of `MODELS`.
     tail
-        Tail of slope lobes: ``gaussian`` or ``ggx``.
+        Tail of the lobes, one of `TAILS`, for a model that has tails.
     lobes
         Number of lobes: 0, 1 or 2.
     regions
@@ -61,14 +47,14 @@ class Material:
     texel_mm
         Size of a texel on the fabric in mm, or None where not known.
     source
-        SHA-256 of what was fitted, in hexadecimal.
+        SHA-256 of the data that were fitted, in hexadecimal.
     theta_max
         Largest θ_l of the fitted lights, in radians.
     encoding, crop
-        How the fitted photographs encode light (``srgb``, ``linear``, ``gamma:2.2``; empty for radiance) and
-        which part X,Y,W,H of them was used (empty for all): what it takes to compare with them again.
+        Encoding of the fitted photographs (``srgb``, ``linear``, ``gamma:2.2``; empty for radiance) and the part
+        X,Y,W,H of them that was used (empty for all), which a later comparison with them needs.
     residual
-        How the maps ``residualK.RGB`` depend on the light; None where the lobes are all.
+        Dependence of the maps ``residualK.RGB`` on the light; None where there is no residual.
     """
 
     channels: dict[str, Map]
@@ -77,13 +63,18 @@ class Material:
     lobes: int
     regions: list[dict[str, Any]]
     colour: str
-    from_stack: NDArray[np.float64]
+    from_stack: Array
     texel_mm: float | None
     source: str
     theta_max: float
     encoding: str = ""
     crop: str = ""
     residual: Residual | None = None
+
+    @cached_property
+    def reflection(self) -> Model:
+        """The model, with its tail and its number of lobes."""
+        return MODELS[self.model].of(self.tail, self.lobes)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -92,67 +83,47 @@ class Material:
         return height, width
 
     def part(self, rows: slice, columns: slice) -> "Material":
-        """The material of a part of the fabric."""
+        """Return the material of a part of the fabric."""
         return replace(self, channels={name: plane[rows, columns] for name, plane in self.channels.items()})
 
     def residual_maps(self, rows: slice = slice(None)) -> Map:
-        """Maps of the residual (count + 1, h, W, 3): the mean over the lights, then the components."""
+        """Return the maps of the residual (count + 1, h, W, 3): the mean over the lights, then the components."""
         assert self.residual is not None
         planes = [self.channels[name][rows] for name in residual_names(self.residual.count)]
         return np.stack([np.stack(planes[k : k + 3], -1) for k in range(0, len(planes), 3)])
 
     def terms(self, rows: slice = slice(None)) -> list[tuple[Map, Map]]:
-        """Colour · amplitude (h, W, 3) and shape (h, W, n) of the diffuse term, then of each lobe.
+        """Return colour · amplitude (h, W, 3) and shape (h, W, n) of the diffuse term, then of each lobe.
 
-        Widths are floored. A texel without a lobe has an arbitrary shape in the file; it gets the mean shape
-        of the others, so that nothing divides by zero and nothing odd bleeds in where shapes are filtered.
+        Widths are at least `WIDTH_FLOOR`. A texel without a lobe has an arbitrary shape in the file; it gets the mean
+        shape of the others, so that no division by zero occurs and filtering mixes in no arbitrary shapes.
         """
         terms = []
-        for k, (name, shape) in enumerate(self._names()):
+        for k, (name, shape) in enumerate(self.reflection.terms.items()):
             amplitude = self.channels[f"{name}.amplitude"][rows, :, None]
             colour = np.stack([self.channels[f"{name}.{c}"][rows] for c in "RGB"], -1) * amplitude
             values = np.stack([self.channels[f"{name}.{s}"][rows] for s in shape], -1)
             if k:
                 values[amplitude[..., 0] <= 0] = self._fill[k - 1]
-                _floor(self.model, values)
+                self.reflection.floor_widths(values)
             terms.append((colour, values))
         return terms
-
-    def _names(self) -> list[tuple[str, tuple[str, ...]]]:
-        lobes = [(f"lobe{k}", SHAPES[self.model]) for k in range(1, self.lobes + 1)]
-        return [("diffuse", ("x", "y")), *lobes]
 
     @cached_property
     def _fill(self) -> list[list[float]]:
         """Mean shape of each lobe, weighted by its amplitude."""
         means = []
-        for name, shape in self._names()[1:]:
+        for name, shape in list(self.reflection.terms.items())[1:]:
             weight = np.asarray(self.channels[f"{name}.amplitude"], np.float64)
             total = weight.sum()
-            values = [self.channels[f"{name}.{s}"] for s in shape]
-            means.append(
-                [
-                    float((weight * v).sum() / total) if total > 0 else NEUTRAL[s]
-                    for v, s in zip(values, shape, strict=True)
-                ]
-            )
+            values = {s: self.channels[f"{name}.{s}"] for s in shape}
+            means.append([float((weight * v).sum() / total) if total > 0 else shape[s] for s, v in values.items()])
         return means
 
 
-def _floor(model: str, shape: Map) -> None:
-    if model == "takeda2008":
-        np.maximum(shape[..., 2:], WIDTH_FLOOR, out=shape[..., 2:])
-        return
-    xx, xy, yy = np.moveaxis(shape[..., 2:], -1, 0)
-    lack = np.maximum(np.float32(WIDTH_FLOOR**2) - (xx + yy - np.hypot(xx - yy, 2 * xy)) / 2, 0)
-    xx += lack
-    yy += lack
-
-
-def channel_names(model: str, lobes: int, residual: Residual | None = None) -> list[str]:
-    """Names of the channels that a material of this model has."""
-    terms = [("diffuse", ("x", "y"))] + [(f"lobe{k}", SHAPES[model]) for k in range(1, lobes + 1)]
-    names = [f"{term}.{c}" for term, shape in terms for c in ("R", "G", "B", "amplitude", *shape)]
+def channel_names(model: Model, residual: Residual | None = None) -> list[str]:
+    """Return the names of the channels of a material with this model and residual."""
+    names = [f"{t}.{c}" for t, shape in model.terms.items() for c in ("R", "G", "B", "amplitude", *shape)]
     return ["label", "bound", *names, *(residual_names(residual.count) if residual else ())]
 
 
@@ -162,8 +133,8 @@ def read_material(path: str | os.PathLike[str]) -> Material:
     Raises
     ------
     ValueError
-        The file is missing or no EXR, lacks a channel or an attribute, has another version or an unknown
-        model, or holds values outside the model; one sentence that names it.
+        The file is missing or not an EXR, lacks a channel or an attribute, has another version or an unknown model, or
+        holds values outside the model; the message is one sentence that names the file.
     """
     path = Path(path)
     if not path.is_file():
@@ -174,7 +145,7 @@ def read_material(path: str | os.PathLike[str]) -> Material:
     except RuntimeError as error:
         raise ValueError(f"{path}: cannot be read as EXR ({error}); write the material again") from None
     metadata = bitmap.metadata()
-    header = {key: metadata[key] for key in metadata if key.startswith("kinran:")}
+    header = {key[len("kinran:") :]: str(metadata[key]) for key in metadata if key.startswith("kinran:")}
     names = [field.name for field in bitmap.struct_()]
     pixels = np.atleast_3d(pixels)
     channels = {name: np.asarray(pixels[..., k], np.float32) for k, name in enumerate(names)}  # views
@@ -183,33 +154,29 @@ def read_material(path: str | os.PathLike[str]) -> Material:
     return material
 
 
-def _from_header(path: Path, header: dict[str, Any], channels: dict[str, Map]) -> Material:
-    def text(key: str) -> str:
-        if f"kinran:{key}" not in header:
+def _from_header(path: Path, header: dict[str, str], channels: dict[str, Map]) -> Material:
+    for key in NEEDED:
+        if key not in header:
             raise ValueError(f"{path}: has no attribute kinran:{key}; it is not a Kinran material")
-        return str(header[f"kinran:{key}"])
-
-    if text("version") != VERSION:
-        raise ValueError(f"{path}: kinran:version is '{text('version')}' but this plugin reads '{VERSION}'; update one")
-    if text("cosine") != "included":
-        raise ValueError(f"{path}: kinran:cosine is '{text('cosine')}'; the plugin needs T = f_r cos θ ('included')")
-    values = {key: text(key) for key in ("model", "lobes", "regions", "colour", "from_stack", "texel_mm")}
-    values |= {key: text(key) for key in ("source", "measured")}
+        if key == "version" and header[key] != VERSION:
+            raise ValueError(f"{path}: kinran:version is '{header[key]}' but this plugin reads '{VERSION}'; update one")
+        if key == "cosine" and header[key] != "included":
+            raise ValueError(f"{path}: kinran:cosine is '{header[key]}'; the plugin needs T = f_r cos θ ('included')")
     try:
         return Material(
             channels=channels,
-            model=values["model"],
-            tail=str(header.get("kinran:tail", "gaussian")),
-            lobes=int(values["lobes"]),
-            regions=json.loads(values["regions"]),
-            colour=values["colour"],
-            from_stack=np.array(json.loads(values["from_stack"]), np.float64),
-            texel_mm=float(values["texel_mm"]) if values["texel_mm"] else None,
-            source=values["source"],
-            theta_max=float(json.loads(values["measured"])["theta_max"]),
-            encoding=str(header.get("kinran:encoding", "")),
-            crop=str(header.get("kinran:crop", "")),
-            residual=Residual.from_json(text("residual")) if header.get("kinran:residual") else None,
+            model=header["model"],
+            tail=header.get("tail", TAILS[0]),
+            lobes=int(header["lobes"]),
+            regions=json.loads(header["regions"]),
+            colour=header["colour"],
+            from_stack=np.array(json.loads(header["from_stack"]), np.float64),
+            texel_mm=float(header["texel_mm"]) if header["texel_mm"] else None,
+            source=header["source"],
+            theta_max=float(json.loads(header["measured"])["theta_max"]),
+            encoding=header.get("encoding", ""),
+            crop=header.get("crop", ""),
+            residual=Residual.from_json(header["residual"]) if header.get("residual") else None,
         )
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path}: a kinran: attribute cannot be read ({error}); write the material again") from None
@@ -221,20 +188,20 @@ def check(material: Material, name: str) -> None:
     Raises
     ------
     ValueError
-        One sentence that names the file (`name`), the value, and what to do.
+        The message is one sentence: file (`name`), value, remedy.
     """
     m = material
     if m.model not in MODELS:
         raise ValueError(f"{name}: model '{m.model}' is not one of {', '.join(MODELS)}; update the plugin")
     if m.tail not in TAILS:
         raise ValueError(f"{name}: tail '{m.tail}' is not one of {', '.join(TAILS)}; update the plugin")
-    if m.lobes not in ((0,) if m.model == "lambert" else (1,) if m.model == "takeda2008" else (1, 2)):
+    if m.lobes not in MODELS[m.model].counts:
         raise ValueError(f"{name}: {m.lobes} lobes do not go with model '{m.model}'; fit it again")
     if m.colour != COLOUR:
         raise ValueError(f"{name}: colour space '{m.colour}' is not '{COLOUR}'; convert the maps")
     if m.from_stack.shape != (3, 3) or not np.isfinite(m.from_stack).all() or not np.linalg.det(m.from_stack):
         raise ValueError(f"{name}: from_stack is not an invertible 3×3 matrix; calibrate the colour again")
-    for channel in channel_names(m.model, m.lobes, m.residual):
+    for channel in channel_names(m.reflection, m.residual):
         if channel not in m.channels:
             raise ValueError(f"{name}: has no channel '{channel}', which model '{m.model}' needs; fit it again")
         if not np.isfinite(m.channels[channel]).all():
@@ -244,19 +211,11 @@ def check(material: Material, name: str) -> None:
     bound = m.channels["bound"]
     if bound.min() <= 0 or bound.max() > 1:
         raise ValueError(f"{name}: channel 'bound' leaves (0, 1]: {bound.min():g} to {bound.max():g}; fit it again")
-    for k in range(1, m.lobes + 1):
-        _check_widths(m, f"lobe{k}", name)
-
-
-def _check_widths(m: Material, lobe: str, name: str) -> None:
-    used = m.channels[f"{lobe}.amplitude"] > 0
-    if m.model == "slope":
-        xx, xy, yy = (m.channels[f"{lobe}.{c}"][used] for c in ("xx", "xy", "yy"))
-        bad = (xx <= 0) | (yy <= 0) | (xx * yy - xy * xy < 0)
-    else:
-        bad = (m.channels[f"{lobe}.dt"][used] <= 0) | (m.channels[f"{lobe}.dp"][used] <= 0)
-    if bad.any():
-        raise ValueError(f"{name}: {int(bad.sum())} texels of {lobe} have no positive width; fit it again")
+    for lobe, shape in list(m.reflection.terms.items())[1:]:
+        used = m.channels[f"{lobe}.amplitude"] > 0
+        bad = m.reflection.without_width([m.channels[f"{lobe}.{s}"][used] for s in shape])
+        if bad.any():
+            raise ValueError(f"{name}: {int(bad.sum())} texels of {lobe} have no positive width; fit it again")
 
 
 def write_material(path: str | os.PathLike[str], material: Material) -> None:
@@ -265,13 +224,13 @@ def write_material(path: str | os.PathLike[str], material: Material) -> None:
     Raises
     ------
     ValueError
-        The material is not one that `read_material` takes.
+        The material is not one that `read_material` accepts, or its maps differ in size.
     OSError
-        The folder cannot be written to.
+        The folder cannot be written to, or the file reads back changed.
     """
     path = Path(path)
     check(material, str(path))
-    names = channel_names(material.model, material.lobes, material.residual)
+    names = channel_names(material.reflection, material.residual)
     names += sorted(set(material.channels) - set(names))
     shapes = {material.channels[n].shape for n in names}
     if len(shapes) != 1:

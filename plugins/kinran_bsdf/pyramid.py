@@ -1,45 +1,44 @@
 """Prefiltered maps for fabric seen from far away.
 
-A texel of level k stands for 2ᵏ × 2ᵏ texels of the map: its lobes have their energy, and their slopes on the average,
-so that what was a weave becomes roughness (`mixture`). Angles cannot be averaged, so that `takeda2008` has no pyramid.
+A texel of level k stands for 2ᵏ × 2ᵏ texels of the map: its lobes have their energy, and the mean and variance of their
+slopes, so that the weave becomes roughness (`mixture`). Models that are not `filtered` have no pyramid.
 """
 
 from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
-import mitsuba
 import numpy as np
-from numpy.typing import NDArray
 
 from kinran_bsdf import mixture
+from kinran_bsdf.arrays import Map, mi, texture
 from kinran_bsdf.mixture import mean
+from kinran_bsdf.models import Model
 
-mi: Any = mitsuba  # its types are those of the variant, at run time
-
-Map = NDArray[np.float32]
-
-BLOCK = 1 << 16  # texels at a time: a block stays in the cache
+BLOCK = 1 << 16
+"""Texels that are reduced at a time: a block stays in the cache."""
 
 
-def halve(packed: Map, weights: Map | None, bands: int, lobes: int, tail: str) -> tuple[Map, Map]:
-    """Next level of packed slope maps (H, W, n), half as large, and of the weights of its lobes.
+def halve(packed: Map, weights: Map | None, bands: int, model: Model) -> tuple[Map, Map]:
+    """Return the next level of packed maps, half as large, and the weights of its lobes.
 
     Parameters
     ----------
-    packed
-        Colour and shape of the diffuse term, then of each lobe; whatever follows is averaged.
-    weights : (lobes, H, W)
-        What each lobe counts in shapes; None where `packed` is the map itself.
+    packed : (H, W, n) float32
+        Colour and shape of the diffuse term, then of each lobe; the channels after them are averaged.
+    weights : (lobes, H, W) float32
+        Weight of each lobe in the shapes; None where `packed` is the map itself.
     bands
         Number of channels of a colour.
+    model
+        Model of the lobes.
     """
     height, width = packed.shape[:2]
     rows = max(BLOCK // width // 2 * 2, 2) if height % 2 == 0 else height
     parts = [slice(top, top + rows) for top in range(0, height, rows)]
-    found = [_halve(packed[p], None if weights is None else weights[:, p], bands, lobes, tail) for p in parts]
+    found = [_halve(packed[p], None if weights is None else weights[:, p], bands, model) for p in parts]
     level, weights = np.concatenate([level for level, _ in found]), np.concatenate([w for _, w in found], 1)
-    if lobes == 2:
+    if model.lobes == 2:
         start, length = bands + 2, bands + 5
         terms = np.moveaxis(level[..., start : start + 2 * length].reshape(*level.shape[:2], 2, length), (2, 3), (0, 1))
         turned = mixture.out_of_order(terms[:, :bands], terms[:, bands:])
@@ -49,17 +48,17 @@ def halve(packed: Map, weights: Map | None, bands: int, lobes: int, tail: str) -
     return level, weights
 
 
-def _halve(packed: Map, weights: Map | None, bands: int, lobes: int, tail: str) -> tuple[Map, Map]:
+def _halve(packed: Map, weights: Map | None, bands: int, model: Model) -> tuple[Map, Map]:
     height, width = packed.shape[:2]
     planes = np.ascontiguousarray(np.moveaxis(packed, -1, 0))
-    rest = bands + 2 + lobes * (bands + 5)
+    rest = bands + 2 + model.lobes * (bands + 5)
     colour, slopes = planes[:bands], planes[bands : bands + 2]
-    terms = planes[bands + 2 : rest].reshape(lobes, bands + 5, height, width)
+    terms = planes[bands + 2 : rest].reshape(model.lobes, bands + 5, height, width)
     energies, shapes = terms[:, :bands], terms[:, bands:]
     if weights is None:
-        weights = mixture.weights_of(energies, shapes)
-    if lobes:
-        energies, shapes, weights = mixture.reduced(energies, shapes, weights, tail)
+        weights = mixture.weights_of(energies, shapes, model) if model.lobes else energies.sum(1)
+    if model.lobes:
+        energies, shapes, weights = mixture.reduced(energies, shapes, weights, model)
     terms = np.concatenate([energies, shapes], 1)
     weight = colour.sum(0)
     weight += np.float32(1e-9 * weight.mean() + 1e-30)
@@ -68,7 +67,7 @@ def _halve(packed: Map, weights: Map | None, bands: int, lobes: int, tail: str) 
 
 
 class Pyramid:
-    """Levels 1 and up of packed maps in one texture, each with a border that makes it repeat or stay."""
+    """Levels 1 and up of packed maps in one texture, each with a border that repeats it or continues its edge."""
 
     def __init__(self, packed: Map, halve: Callable[[Map, Map | None], tuple[Map, Map]], wrap_mode: str) -> None:
         levels: list[Map] = []
@@ -88,16 +87,10 @@ class Pyramid:
             layout.append([level.shape[1], level.shape[0], top + 1])
             top += height
         self.layout = mi.Texture1f(mi.TensorXf(np.array(layout, np.float32)), filter_mode=dr.FilterMode.Nearest)
-        self.texture = mi.Texture2f(
-            mi.TensorXf(atlas),
-            use_accel=False,
-            migrate=False,
-            filter_mode=dr.FilterMode.Linear,
-            wrap_mode=dr.WrapMode.Clamp,
-        )
+        self.texture = texture(atlas)
 
     def fetch(self, uv: Any, level: Any, active: Any) -> Any:
-        """Packed channels at `uv` of the level nearest to `level`, from 1 up."""
+        """Return the packed channels at `uv` of the level nearest to `level`, from 1 up."""
         width, height, top = self.layout.eval(
             dr.clip(dr.round(level) - 0.5, 0.5, self.count - 0.5) / self.count, active
         )

@@ -1,7 +1,7 @@
-"""The residual: what the lobes leave, as a few principal components over the lights, in display-like values.
+"""The residual of the lobes: a few principal components over the lights, in display-like values.
 
-Photographs under few lights show more than a lobe can follow: cast shadows, relief, a second gloss. In values as
-they are displayed (compressed, so that shadows count as much as highlights) a picture under the light l is
+Photographs under few lights show cast shadows, relief and a second gloss, which lobes cannot model. In display-like
+values, compressed so that shadows count as much as highlights, a picture under the light l is
 
     s · compress(lobes) + R₀ + Σ_k b_k(l_x, l_y) R_k
 
@@ -15,24 +15,25 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
-Map = NDArray[np.float32]
+from kinran_bsdf.arrays import Array, Map
 
 LOG_COMPRESSION = 500.0
+"""Factor in ln(1 + 500 x / peak), the compression ``log:PEAK``: it bends at 1/500 of the peak. A choice, which the
+chart's PSNR of radiance shares (docs/chart.md); no measurement stands behind it."""
 
 
 @dataclass(frozen=True)
 class Residual:
-    """How the residual of a material depends on the light; its maps are the channels ``residualK.RGB``.
+    """Dependence of a material's residual on the light; its maps are the channels ``residualK.RGB``.
 
     Attributes
     ----------
     domain
-        ``srgb``, ``linear``, ``gamma:EXPONENT`` or ``log:PEAK``: what `compress` does.
+        Compression of the values: ``srgb``, ``linear``, ``gamma:EXPONENT`` or ``log:PEAK``.
     share
-        Part of the lobes in a picture, 0 to 1.
+        Share s of the lobes in a picture, 0 to 1.
     lights : (n, 2) float
         (l_x, l_y) of the fitted lights.
     weights : (n + 3, count) float
@@ -50,13 +51,13 @@ class Residual:
         return self.weights.shape[1]
 
     def basis(self, lights: ArrayLike) -> Array:
-        """Factors (m, count + 1) of the maps under lights (m, 3); the first, of the mean, is 1."""
+        """Return the factors (m, count + 1) of the maps under lights (m, 3); the first, of the mean, is 1."""
         at = np.asarray(lights, float)[:, :2]
         splines = kernel_matrix(at, self.lights) @ self.weights
         return np.concatenate([np.ones((len(at), 1)), splines], 1)
 
     def to_json(self) -> str:
-        """As the header of a material holds it."""
+        """Return the text for the header of a material."""
         return json.dumps(
             {
                 "domain": self.domain,
@@ -68,12 +69,12 @@ class Residual:
 
     @classmethod
     def from_json(cls, text: str) -> "Residual":
-        """From the header of a material.
+        """Parse the text of a material's header.
 
         Raises
         ------
         ValueError, KeyError, TypeError
-            The text is not that of a residual.
+            The text does not describe a residual.
         """
         value = json.loads(text)
         lights = np.array(value["lights"], float).reshape(-1, 2)
@@ -85,28 +86,28 @@ class Residual:
 
 
 def channel_names(count: int) -> list[str]:
-    """Channels of a residual of `count` components and their mean."""
+    """Return the names of the channels of a residual's mean and of its `count` components."""
     return [f"residual{k}.{c}" for k in range(count + 1) for c in "RGB"]
 
 
 def kernel_matrix(at: Array, lights: Array) -> Array:
-    """Thin-plate kernels r² ln r of points (m, 2) around lights (n, 2), then 1, x, y; (m, n + 3)."""
+    """Return the thin-plate basis (m, n + 3) at points (m, 2): kernels r² ln r around lights (n, 2), then 1, x, y."""
     square = ((at[:, None] - lights[None]) ** 2).sum(-1)
     kernels = np.where(square > 0, 0.5 * square * np.log(np.maximum(square, 1e-300)), 0)
     return np.concatenate([kernels, np.ones((len(at), 1)), at], 1)
 
 
 def spline(lights: ArrayLike, values: Array, smoothing: float) -> Array:
-    """Coefficients (n + 3, k) of smoothing thin-plate splines [Duchon 1977; Wahba 1990].
+    """Return the coefficients (n + 3, k) of smoothing thin-plate splines [Duchon1977, Wahba1990].
 
     Parameters
     ----------
     lights : (n, 2) or (n, 3) float
-        Only (l_x, l_y) counts.
+        Directions of the lights, of which (l_x, l_y) are used.
     values : (n, k) float
         Values at the lights.
     smoothing
-        0 goes through the values.
+        Smoothing parameter; with 0 the splines interpolate the values.
     """
     at = np.asarray(lights, float)[:, :2]
     n = len(at)
@@ -123,7 +124,13 @@ def spline(lights: ArrayLike, values: Array, smoothing: float) -> Array:
 
 
 def compress(light: Any, domain: str, *, xp: ModuleType = np) -> Any:
-    """Display-like values of linear light, which may exceed 1; negative light counts as 0."""
+    """Return display-like values (...) of linear light (...), which may exceed 1; negative light counts as 0.
+
+    Raises
+    ------
+    ValueError
+        The domain is unknown.
+    """
     x = xp.maximum(light, 0.0)
     kind, _, number = domain.partition(":")
     if kind == "linear":
@@ -139,7 +146,7 @@ def compress(light: Any, domain: str, *, xp: ModuleType = np) -> Any:
 
 
 def expand(value: Any, domain: str, *, xp: ModuleType = np) -> Any:
-    """Linear light of display-like values: the inverse of `compress`; negative values count as 0."""
+    """Return the linear light (...) of display-like values (...), as `compress` inverted; negative ones count as 0."""
     y = xp.maximum(value, 0.0)
     kind, _, number = domain.partition(":")
     if kind == "linear":
@@ -155,13 +162,18 @@ def expand(value: Any, domain: str, *, xp: ModuleType = np) -> Any:
 
 
 def relit(lobes: Map, residual: Residual, maps: Map, factors: Array) -> Map:
-    """A picture (…, 3) with the residual on top of its lobes (…, 3), never negative.
+    """Return a picture (…, 3) with the residual, which is never negative.
 
     Parameters
     ----------
+    lobes : (…, 3) float32
+        Picture of the lobes alone: π T in the stack's RGB.
+    residual
+        Dependence of the residual on the light.
     maps : (count + 1, …, 3) float32
+        Mean and components of the residual.
     factors : (count + 1,)
-        `Residual.basis` of its light.
+        Factors of `Residual.basis` under the picture's light.
     """
     shown = np.float32(residual.share) * compress(lobes, residual.domain)
     shown = shown + np.tensordot(factors.astype(np.float32), maps, 1)

@@ -1,49 +1,39 @@
-"""The residual at a point of a scene: its spline over lights as a table, and what its maps mean under a light."""
+"""The residual at a point of a scene: its spline over lights as a table, and the light of its maps."""
 
 from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
-import mitsuba
 import numpy as np
-from numpy.typing import NDArray
 
 from kinran_bsdf import colours
+from kinran_bsdf.arrays import Array, Map, mi, texture
 from kinran_bsdf.material import Material
 from kinran_bsdf.mixture import mean
 from kinran_bsdf.residual import Residual, compress, expand
 
-mi: Any = mitsuba  # its types are those of the variant, at run time
-
-Array = NDArray[np.float64]
-Map = NDArray[np.float32]
-
 TABLE = 128
-"""Side of the table of the spline over (l_x, l_y) in [-1, 1]²."""
+"""Side of the table of the spline over (l_x, l_y) in [-1, 1]²: a choice."""
 BOUND_FLOOR = 1e-3
+"""Least `bound` that is divided by, since masked look-ups give 0. A choice: a material's `bound` is lower only where
+its albedo exceeds 1000."""
 LIGHTS_EACH = 2
-"""Lights for each map that `averaged` finds; with all of them it is no better."""
+"""Lights per map in the least squares of `averaged`; more lights are no better."""
 
 
 class ResidualTable:
-    """What turns the maps of a material's residual into light."""
+    """The residual of a material in a renderer, which turns its maps into light."""
 
     def __init__(self, material: Material, residual: Residual) -> None:
         self.residual, self.count = residual, residual.count
         x, y = np.meshgrid(*2 * [(np.arange(TABLE) + 0.5) / TABLE * 2 - 1])
         factors = residual.basis(np.stack([x.ravel(), y.ravel()], -1))[:, 1:]
-        self.table = mi.Texture2f(
-            mi.TensorXf(factors.reshape(TABLE, TABLE, -1).astype(np.float32)),
-            filter_mode=dr.FilterMode.Linear,
-            wrap_mode=dr.WrapMode.Clamp,
-            use_accel=False,
-            migrate=False,
-        )
+        self.table = texture(factors.reshape(TABLE, TABLE, -1).astype(np.float32))
         to_stack = np.linalg.inv(colours.TO_REC709 @ material.from_stack) * np.pi
         self.to_stack, self.from_stack = to_stack.tolist(), np.linalg.inv(to_stack).tolist()
 
     def change(self, lobes: list[Any], maps: list[Any], light: Any, active: Any) -> list[Any]:
-        """What the residual adds to T in Rec. 709.
+        """Return the change of T by the residual, three bands in Rec. 709.
 
         Parameters
         ----------
@@ -53,6 +43,8 @@ class ResidualTable:
             Mean and components of the residual (3 values each), then `bound`, by which the lobes are scaled.
         light
             Direction towards the light, in the fabric's frame.
+        active
+            Mask of the points.
         """
         factors = [1.0, *self.table.eval(mi.Point2f(0.5 * light.x + 0.5, 0.5 * light.y + 0.5), active)]
         shown = [
@@ -64,7 +56,7 @@ class ResidualTable:
         return [w - lobe for w, lobe in zip(whole, lobes, strict=True)]
 
     def _lobes_shown(self, lobes: list[Any], bound: Any, xp: Any) -> list[Any]:
-        """Share of the lobes in display-like values of the stack's RGB."""
+        """Return the lobes' share of a picture in display-like values of the stack's RGB."""
         fitted = [lobe / xp.maximum(bound, BOUND_FLOOR) for lobe in lobes]
         linear = [sum(m * f for m, f in zip(row, fitted, strict=True)) for row in self.to_stack]
         return [self.residual.share * compress(value, self.residual.domain, xp=xp) for value in linear]
@@ -73,21 +65,22 @@ class ResidualTable:
         return [sum(maps[3 * k + c] * factors[k] for k in range(self.count + 1)) for c in range(3)]
 
     def averaged(self, fine: Map, coarse: Map, radiance: Callable[[list[Map], Array], list[Map]]) -> Map:
-        """Residual of the next level of a pyramid, whose texels show the mean of what theirs show.
+        """Return the residual of the next level of a pyramid, under which a texel has the mean radiance of its texels.
 
-        That is not what the mean of their residuals shows, since display-like values are not linear in light. Least
-        squares in these values over the fitted lights, of which a part is enough.
+        The mean of their residuals does not give that, since display-like values are not linear in light. It is fitted
+        by least squares in these values over some of the fitted lights.
 
         Parameters
         ----------
         fine, coarse : (H, W, n), (h, w, n) float32
-            Channels of a level, and of the next with its lobes and its `bound` in place.
+            Channels of a level, and of the next level with its terms and `bound` in place.
         radiance
-            T of the lobes in Rec. 709 (3 maps) of such channels under a light at the measured view.
+            Function of such channels and a light: T of the lobes in Rec. 709 (3 maps) at the measured view.
 
         Returns
         -------
         (h, w, 3 · (count + 1)) float32
+            Mean and components of the residual.
         """
         count, at = self.count + 1, self.residual.lights
         at = at[:: max(1, len(at) // (LIGHTS_EACH * count))]

@@ -15,12 +15,12 @@ from multiprocessing.connection import Client, Connection, Listener
 from pathlib import Path
 from typing import Any
 
-from kinran.capture import Devices, capture
-from kinran.plans import Plan, read_plan
+from kinran.capture.capture import Devices, capture
+from kinran.data.capture_plan import Plan, read_plan
 from kinran.rig.camera import Camera, CameraError
 from kinran.rig.firmware import Firmware
 from kinran.rig.goniometer import Goniometer
-from kinran.rig.ledger import mdeg
+from kinran.rig.motion import mdeg
 from kinran.rig.simulation import PacedCamera, simulated_goniometer
 from kinran.rig.transport import SimulatedHid
 
@@ -30,7 +30,7 @@ DEVICE = {"device": "fake"}
 
 def small_plan() -> Plan:
     """Eight lights, eight monitors, three exposures."""
-    from kinran.plan import plan_grid  # it imports numpy, which the host need not
+    from kinran.capture.grid import plan_grid  # it imports numpy, which the host need not
 
     return plan_grid("silk", [0, 30], 8, EXPOSURES, meridians=8)
 
@@ -98,7 +98,7 @@ class Bench:
 
     def capture(self, plan: Plan, group: str = "00", **other: Any) -> dict[str, Any]:
         arguments: dict[str, Any] = {
-            "devices": self.devices, "device": DEVICE, "revisions": {}, "say": lambda line: None
+            "devices": self.devices, "device": DEVICE, "revisions": {}
         }  # fmt: skip
         return capture(plan, group, self.root, **{**arguments, **other})
 
@@ -254,7 +254,7 @@ def host(address: str, root: Path, kill_at: int) -> None:
 
         connect: Devices = devices
         plan = read_plan(root / "plan.json")
-        capture(plan, "00", root, connect, DEVICE, {}, lambda line: print(line, flush=True))
+        capture(plan, "00", root, connect, DEVICE, {})
 
 
 if __name__ == "__main__":

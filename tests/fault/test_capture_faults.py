@@ -12,14 +12,14 @@ import pytest
 from capture_bench import DEVICE, EXPOSURES, Bench, check, small_plan
 
 from kinran.__main__ import main
-from kinran.files import InputError
-from kinran.journal import Journal, read
-from kinran.plan import plan_grid
-from kinran.plans import write_plan
+from kinran.base.files import InputError
+from kinran.capture.grid import plan_grid
+from kinran.capture.journal import Journal, read
+from kinran.capture.session import Session
+from kinran.data.capture_plan import write_plan
 from kinran.rig.camera import CameraError
 from kinran.rig.errors import DisconnectedError, FaultError, LimitError, RigError
 from kinran.rig.protocol import Fault
-from kinran.rig.session import Session
 
 PLAN = small_plan()
 SHOTS = 16
@@ -390,6 +390,6 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert "revision of 'x'" in capsys.readouterr().err
     assert not (tmp_path / "groups").exists()
     for wrong in ("[1]", "{"):
-        with pytest.raises(SystemExit):
-            main([*words, "--device", "virtual", "--virtual", wrong, out])
+        assert main([*words, "--device", "virtual", "--virtual", wrong, out]) == 2
+        assert f"'{wrong}': is not" in capsys.readouterr().err
     assert DEVICE == {"device": "fake"}

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from capture_bench import EXPOSURES, Bench, check, serving, small_plan
 
-from kinran.journal import read
-from kinran.plans import write_plan
+from kinran.capture.journal import read
+from kinran.data.capture_plan import write_plan
 
 STEPS = 36
 

@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 
 from kinran.__main__ import main
-from kinran.fit import slope
-from kinran.labels import Region, write_labels, write_regions
-from kinran.stack import Light, write_metadata, write_shards
+from kinran.data.labels import Region, write_labels, write_regions
+from kinran.data.radiance import Radiance
+from kinran.data.radiance_stack import Light, Metadata, write_metadata, write_shards
+from kinran.fit.region_priors import Prior, Priors
 from kinran_bsdf.material import Material, read_material
 
 
@@ -26,10 +27,10 @@ class Cloth:
         self.folder, self.stack = folder, folder / "radiance.zarr"
         height, width = radiance.shape[1:3]
         labels = np.zeros((height, width), np.intp) if labels is None else labels
-        write_shards(self.stack, 0, radiance.astype(np.float32), np.zeros(radiance.shape, np.uint8))
-        write_metadata(
-            self.stack, lights, height, width, texel_mm, "", "", "camera", np.eye(3), {"kind": "none"}, camera_mm
-        )
+        write_shards(self.stack, 0, Radiance.unflagged(radiance.astype(np.float32)))
+        noise = {"kind": "none"}
+        metadata = Metadata(tuple(lights), height, width, texel_mm, "", "", "camera", np.eye(3), noise, camera_mm)
+        write_metadata(self.stack, metadata)
         one = np.ones((height, width), np.float32)
         write_labels(folder / "labels.exr", labels, one, labels, one)
         sizes = np.bincount(labels.ravel())
@@ -37,20 +38,19 @@ class Cloth:
         write_regions(folder / "regions.json", regions)
 
     def run(self, stage: str, out: str, *options: object) -> int:
-        given = ["--stack", self.stack, "--labels", self.folder / "labels.exr"]
-        return main([stage, *(str(v) for v in (self.folder / out, *given, *options))])
+        """Exit status of a stage, run by its words."""
+        return main([stage, *(str(word) for word in (self.folder / out, "--fabric", self.folder, *options))])
 
     def fit(self, *options: object, lobes: tuple[str, int] = ("ggx", 1), prior: bool = False) -> Material:
         """Material of the stack, by the stages of the pipeline."""
         kind = ["--lobes", lobes[1], "--tail", lobes[0]]
-        regions = ["--regions", self.folder / "regions.json"]
         given: list[object] = []
         if prior:
-            assert self.run("prior", "prior.json", *regions, *kind) == 0
+            assert self.run("prior", "prior.json", *kind) == 0
             given = ["--prior", self.folder / "prior.json"]
         assert self.run("fit", "run.npz", "--model", "slope", *kind, *given, *options) == 0
         summary = ["--runs", self.folder / "run.npz", "--summary", self.folder / "slope.json"]
-        assert self.run("material", "slope.exr", *regions, "--model", "slope", *kind, *summary, *options) == 0
+        assert self.run("material", "slope.exr", "--model", "slope", *kind, *summary, *options) == 0
         return read_material(self.folder / "slope.exr")
 
 
@@ -75,4 +75,4 @@ def pictures(T: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 
 def no_prior(path: Path, size: int = 7, regions: int = 1) -> None:
     """Priors that say nothing."""
-    slope.write_priors(path, [slope.Prior(np.zeros(size), 0.0)] * regions)
+    Priors([Prior(np.zeros(size), 0.0)] * regions, np.ones(0, np.float32)).write(path, [])

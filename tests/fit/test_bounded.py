@@ -1,18 +1,23 @@
 """Saturated samples as lower bounds: never taken at face value."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from synthetic_texels import grid, radiance, texels
+from cloth_on_disk import Cloth, directions
+from synthetic_texels import grid, radiance, sampled, texels
 
-from kinran import frames
-from kinran.bench.texels import Split, microfacets, noisy
-from kinran.fit import bounded, learned, samples, slope
-from kinran.fit.predict import predict
-from kinran.stack import SATURATED, Light, Stack, write_metadata, write_shards
+from benchmarks.texels import Split, microfacets, noisy
+from kinran.data.fabric import Fabric
+from kinran.data.radiance import SATURATED, Radiance
+from kinran.data.radiance_stack import write_shards
+from kinran.data.texel_directions import Under
+from kinran.fit import bounded, learned_priors, slope
+from kinran.fit.samples import Samples, read_samples
+from kinran.fit.slope_lobes import Lobes
 
 COUNT = 100
-NO_REGION = np.zeros(COUNT, np.intp)
+PAIR = Lobes("gaussian", 2)
 
 
 def clipped(share: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -21,6 +26,12 @@ def clipped(share: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     T = radiance(*texels(COUNT), lights, "gaussian")
     level = np.quantile(T.max(1), 1 - share, axis=1)[:, None, None]
     return np.minimum(T, level), (level <= T).any(1), lights
+
+
+def cut(T: np.ndarray, saturated: np.ndarray, lights: np.ndarray, weight: float = 0) -> Samples:
+    """Samples of which some are bounds, and have this weight besides."""
+    samples = sampled(T, lights, np.where(saturated, weight, 1).astype(np.float32))
+    return replace(samples, bounds=saturated.astype(np.float32))
 
 
 def peak_error(fitted: slope.SlopeFit, truth: np.ndarray) -> float:
@@ -32,11 +43,9 @@ def test_bounds_find_the_peak_that_was_cut_off() -> None:
     """5 % of the samples are cut: at a weight of 0.2 they pull the peak down by 7 %, as bounds by 2 %."""
     T, saturated, lights = clipped(0.05)
     truth = texels(COUNT)[1][:, 0, 0]
-    W = np.where(saturated, 0.2, 1).astype(np.float32)
-    bounds = saturated.astype(np.float32)
-    half = lights[:, :2] / (1 + lights[:, 2:])
-    first = slope.fit(T, W, lights, "gaussian")
-    again = bounded.refit(first, T, W, bounds, lights, "gaussian", 1, None, NO_REGION, 1, half)
+    samples = cut(T, saturated, lights, 0.2)
+    first = slope.fit(samples, Lobes("gaussian"))
+    again = bounded.refit(first, samples)
     assert peak_error(first, truth) > 0.05
     assert peak_error(again, truth) < 0.5 * peak_error(first, truth)
 
@@ -59,22 +68,22 @@ def rolled(level: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, Split]:
     return np.ascontiguousarray(seen), (seen >= level * clean.max()).any(1), clean[..., split.held], split
 
 
-def error(fitted: slope.SlopeFit, split: Split, truth: np.ndarray, tail: str) -> float:
-    difference = predict(fitted, split.lights[split.held], tail) - truth
+def error(fitted: slope.SlopeFit, split: Split, truth: np.ndarray) -> float:
+    difference = fitted.predict(Under.far(split.lights[split.held])) - truth
     return float(np.sqrt(np.square(difference).sum() / np.square(truth).sum()))
 
 
 def test_texels_that_lost_their_peaks_are_of_one_lobe_of_their_region() -> None:
     """20 % are saturated: two lobes miss most of the peak, and one lobe alone makes too much of it."""
     T, saturated, truth, split = rolled(0.12)
-    W, lights = np.where(saturated, 0, 1).astype(np.float32), split.lights[~split.held]
+    samples = cut(T, saturated, split.lights[~split.held])
     assert 0.15 < saturated.mean() < 0.25
-    kind = "gaussian", 2, learned.learn_priors(T, W, lights, NO_REGION, 1, "gaussian", 2), NO_REGION
-    two, one = slope.fit(T, W, lights, *kind), slope.fit(T, W, lights)
-    again = bounded.refit(two, T, W, saturated.astype(np.float32), lights, *kind, 1, frames.slopes(lights))
-    assert error(two, split, truth, "gaussian") > 0.28
-    assert error(one, split, truth, "ggx") > 0.4
-    assert error(again, split, truth, "gaussian") < 0.2
+    priors = learned_priors.learn_priors(samples, 1, PAIR)
+    two, one = slope.fit(samples, PAIR, priors), slope.fit(samples, Lobes())
+    again = bounded.refit(two, samples, priors)
+    assert error(two, split, truth) > 0.28
+    assert error(one, split, truth) > 0.4
+    assert error(again, split, truth) < 0.2
 
 
 def test_a_prior_is_the_stiffer_the_more_of_the_energy_is_lost() -> None:
@@ -82,32 +91,28 @@ def test_a_prior_is_the_stiffer_the_more_of_the_energy_is_lost() -> None:
     variances = {}
     for level in (1.1, 0.12):
         T, saturated, _, split = rolled(level)
-        W = np.where(saturated, 0, 1).astype(np.float32)
-        (prior,) = learned.learn_priors(T, W, split.lights[~split.held], NO_REGION, 1)
+        (prior,) = learned_priors.learn_priors(cut(T, saturated, split.lights[~split.held]), 1, Lobes())
         variances[level] = prior.variance
         assert prior.lone is None
     assert 0.3 < variances[0.12] / variances[1.1] < 3
 
 
 def test_a_lobe_of_ggx_as_two_gaussians() -> None:
-    lights = grid(5, 24)
-    shapes, colours = texels(COUNT)
-    one = slope.SlopeFit(shapes, colours, np.zeros(COUNT))
-    whole = predict(one, lights, "ggx")
-    left = predict(bounded.as_pair(one), lights, "gaussian") - whole
+    under = Under.far(grid(5, 24))
+    one = slope.SlopeFit(Lobes(), *texels(COUNT), np.zeros(COUNT))
+    whole = one.predict(under)
+    left = bounded.as_pair(one, PAIR).predict(under) - whole
     assert np.abs(left).max() < 0.04 * whole.max()
 
 
 def test_bounds_of_a_stack(tmp_path: Path) -> None:
     """Only where a sample is saturated and no defect; none at all where nothing is."""
-    lights = [Light(f"l{k}", (0.1 * k, 0.0, (1 - 0.01 * k * k) ** 0.5)) for k in range(4)]
-    flags = np.zeros((4, 2, 2, 3), np.uint8)
-    for name, bits in (("none", 0), ("some", SATURATED)):
-        flags[1, 0, 1, 2] = bits
-        write_shards(tmp_path / name, 0, np.full(flags.shape, 0.5, np.float32), flags)
-        write_metadata(tmp_path / name, lights, 2, 2, None, "", "", "camera", np.eye(3), {"kind": "none"})
-    assert samples.read(Stack.open(tmp_path / "none"), (0, 2, 0, 2)).bounds is None
-    tile = samples.read(Stack.open(tmp_path / "some"), (0, 2, 0, 2))
+    seen, flags = np.full((4, 2, 2, 3), 0.5, np.float32), np.zeros((4, 2, 2, 3), np.uint8)
+    cloth = Cloth(tmp_path, seen, directions(grid(40, 3)[:4]))
+    assert read_samples(Fabric(tmp_path), (0, 2, 0, 2)).bounds is None
+    flags[1, 0, 1, 2] = SATURATED
+    write_shards(cloth.stack, 0, Radiance(seen, flags))
+    tile = read_samples(Fabric(tmp_path), (0, 2, 0, 2))
     assert tile.bounds is not None
     expected = np.zeros((4, 4), np.float32)
     expected[1, 1] = 1

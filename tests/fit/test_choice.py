@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from cloth_on_disk import Cloth, directions, pictures
 from PIL import Image
-from synthetic_texels import grid, radiance, texels
+from synthetic_texels import grid, radiance, sampled, texels
 
-from kinran.fit import choice, simplest
-from kinran.fit.candidates import CANDIDATES, Sampled
+from kinran.fit import choice, texel_map
+from kinran.fit.candidates import CANDIDATES
 from kinran_bsdf.material import read_material
 
 SHAPE = (10, 12)
@@ -19,8 +19,7 @@ LABELS = np.repeat([0, 1], COUNT // 2).reshape(SHAPE)
 
 
 def chosen(cloth: Cloth) -> dict:
-    given = ["--regions", cloth.folder / "regions.json", "--picture", cloth.folder / "choice.png"]
-    assert cloth.run("choice", "choice.json", *given) == 0
+    assert cloth.run("choice", "choice.json", "--picture", cloth.folder / "choice.png") == 0
     return json.loads((cloth.folder / "choice.json").read_text())
 
 
@@ -73,11 +72,11 @@ def test_two_lobes_where_two_are_seen(tmp_path: Path, lights: np.ndarray) -> Non
 def test_the_fit_takes_what_was_chosen(half_matte: Cloth) -> None:
     folder = half_matte.folder
     chosen(half_matte)
-    given, regions = ["--choice", folder / "choice.json"], ["--regions", folder / "regions.json"]
-    assert half_matte.run("prior", "prior.json", *regions, *given) == 0
+    given = ["--choice", folder / "choice.json"]
+    assert half_matte.run("prior", "prior.json", *given) == 0
     assert half_matte.run("fit", "run.npz", "--model", "slope", *given, "--prior", folder / "prior.json") == 0
     rest = ["--runs", folder / "run.npz", "--summary", folder / "slope.json"]
-    assert half_matte.run("material", "slope.exr", *regions, "--model", "slope", *given, *rest) == 0
+    assert half_matte.run("material", "slope.exr", "--model", "slope", *given, *rest) == 0
     material = read_material(folder / "slope.exr")
     assert (material.lobes, material.tail) == (1, "ggx")
     assert [region["model"] for region in material.regions] == ["slope", "lambert"]
@@ -119,7 +118,7 @@ def test_a_texels_byte_costs_its_part_of_the_fabrics_decibels() -> None:
     """What 0.3 dB of the fabric's error are, a texel's second lobe has to take away from the texel's."""
     worth = 0.3 / 10 * np.log(10)
     errors = [np.full(2, 9.0), np.full(2, 1.0), 1 - worth * np.array([0.9, 1.1])]
-    np.testing.assert_array_equal(simplest.simplest(errors, 1.0), [1, 2])
+    np.testing.assert_array_equal(texel_map.simplest(errors, 1.0), [1, 2])
 
 
 def test_error_under_lights_left_out(lights: np.ndarray) -> None:
@@ -128,12 +127,14 @@ def test_error_under_lights_left_out(lights: np.ndarray) -> None:
     few = lights[::8]
     clean = np.ones((4000, 3, 1)) * few[:, 2]
     seen, other = ((clean + 0.1 * rng.standard_normal(clean.shape)).astype(np.float32) for _ in range(2))
-    zero = np.zeros(len(clean), int)
-    sample = Sampled(seen, np.ones((len(clean), len(few)), np.float32), few, zero, zero, lambda light: light)
     scale = (seen * few[:, 2]).sum(2) / (few[:, 2] ** 2).sum()
     fitted = (scale[:, :, None] * few[:, 2]).astype(np.float32)
     plain = np.mean((fitted - seen) ** 2)
     truth = np.mean((fitted - other) ** 2)
-    assert np.mean(simplest.left_out(sample, fitted, 3)) == pytest.approx(truth, rel=0.02)
+
+    def left_out(numbers: int) -> np.ndarray:
+        return texel_map.left_out(sampled(seen, few), fitted, lambda light: light, numbers)
+
+    assert np.mean(left_out(3)) == pytest.approx(truth, rel=0.02)
     assert plain < 0.9 * truth
-    assert np.isinf(simplest.left_out(sample, fitted, 3 * len(few))).all()
+    assert np.isinf(left_out(3 * len(few))).all()

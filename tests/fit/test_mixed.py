@@ -1,18 +1,22 @@
 """Texels that two regions share, and the priors under which they are fitted."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from cloth_on_disk import Cloth, directions, pictures
+from synthetic_texels import sampled
 
-from kinran.bench.texels import Split, microfacets, noisy, ones, relative, spread, texels
-from kinran.fit import learned, slope
-from kinran.fit.predict import predict
-from kinran.labels import read_labels, read_second, write_labels
+from benchmarks.texels import Split, microfacets, noisy, relative, spread, texels
+from kinran.data.labels import read_labels, read_second, write_labels
+from kinran.data.texel_directions import Under
+from kinran.fit import learned_priors, slope
+from kinran.fit.region_priors import Prior
+from kinran.fit.slope_lobes import Lobes
 
 COUNT = 120
-KINDS = {"one GGX lobe": ("ggx", 1, 30), "two Gaussian lobes": ("gaussian", 2, 50)}
+KINDS = {"one GGX lobe": (Lobes("ggx", 1), 30), "two Gaussian lobes": (Lobes("gaussian", 2), 50)}
 
 
 @pytest.fixture(scope="module")
@@ -36,26 +40,28 @@ def cloth(split: Split) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_shared_texel_takes_the_prior_that_explains_it(split: Split, cloth: tuple, kind: str) -> None:
     """Under the prior of silk alone the leaf in a texel of silk is smeared; under one lobe of each it is not."""
-    tail, lobes, count = KINDS[kind]
+    lobes, count = KINDS[kind]
     clean, region, second = cloth
     use = np.flatnonzero(~split.held)[spread(split.lights[~split.held], count)]
-    T, lights = np.ascontiguousarray(noisy(clean)[:, :, use]), split.lights[use]
+    seen = sampled(noisy(clean), split.lights)
+    samples = replace(seen, region=region, second=second).only(use)
     pure = second == region
-    priors = learned.learn_priors(T[pure], ones(T[pure]), lights, region[pure], 2, tail, lobes)
-    own, shared = (slope.fit(T, ones(T), lights, tail, lobes, priors, region, second=s) for s in (None, second))
+    priors = learned_priors.learn_priors(samples.of(pure), 2, lobes)
+    own, shared = (slope.fit(s, lobes, priors) for s in (samples.unshared(), samples))
     np.testing.assert_array_equal(own.shapes[pure], shared.shapes[pure])
-    error = [relative(predict(f, split.lights[split.held], tail), clean[..., split.held])[~pure] for f in (own, shared)]
+    held = Under.far(split.lights[split.held])
+    error = [relative(f.predict(held), clean[..., split.held])[~pure] for f in (own, shared)]
     assert np.median(error[1]) < 0.85 * np.median(error[0])
 
 
 def test_the_shared_prior_has_a_lobe_of_each_region() -> None:
     """The lobes that reflect the most, the narrower first; of one lobe a texel, that of the other region."""
-    one = slope.Prior(np.r_[np.full(5, 1.0), np.full(5, 2.0), 0.2, 0.0], 0.5, main=1)
-    other = slope.Prior(np.r_[np.full(5, 3.0), np.full(5, 4.0), 0.0, 0.4], 0.7, main=0)
+    one = Prior(np.r_[np.full(5, 1.0), np.full(5, 2.0), 0.2, 0.0], 0.5, main=1)
+    other = Prior(np.r_[np.full(5, 3.0), np.full(5, 4.0), 0.0, 0.4], 0.7, main=0)
     shared = one.shared(other)
     np.testing.assert_allclose(shared.centre, np.r_[np.full(5, 3.0), np.full(5, 2.0), 0.1, 0.2])
     assert shared.variance == one.variance
-    one, other = (slope.Prior(np.full(7, value), 0.5) for value in (1.0, 3.0))
+    one, other = (Prior(np.full(7, value), 0.5) for value in (1.0, 3.0))
     np.testing.assert_allclose(one.shared(other).centre, np.r_[np.full(5, 3.0), 2.0, 2.0])
 
 
@@ -66,8 +72,9 @@ def test_the_main_lobe_reflects_the_most() -> None:
     for height, main in ((10.0, 1), (40.0, 0)):
         colours = np.ones((3, 3, 3))
         colours[:, 0] *= height
-        fitted = slope.SlopeFit(shapes, colours, np.ones(3))
-        assert learned.region_priors(fitted, np.ones((3, 40), np.float32), np.zeros(3, int), 1)[0].main == main
+        fitted = slope.SlopeFit(Lobes("gaussian", 2), shapes, colours, np.ones(3))
+        samples = sampled(np.zeros((3, 3, 40), np.float32), np.zeros((40, 3)))
+        assert learned_priors.region_priors(fitted, samples, 1)[0].main == main
 
 
 def test_a_texel_is_mixed_where_the_second_has_over_a_fifth(tmp_path: Path) -> None:

@@ -1,36 +1,18 @@
 """Cross-validation chooses a residual where shadows ask for one, and none where the lobes say it all."""
 
-from pathlib import Path
-
 import numpy as np
-import pytest
-from synthetic_texels import radiance, texels
+from synthetic_texels import radiance, sampled, texels
 
-from kinran import frames
-from kinran.encoding import parse
-from kinran.fit import folds, learned, residual, samples, slope
-
-
-class Set:
-    """Stands in for a stack of photographs: one tile, in memory."""
-
-    def __init__(self, T: np.ndarray, lights: np.ndarray) -> None:
-        self.lights = lights
-        self.sample = samples.Samples((0, 16, 0, 16), T.astype(np.float32), np.ones((len(T), len(lights)), np.float32))
-
-    def tiles(self) -> list[samples.Box]:
-        return [self.sample.box]
+from kinran.base import frames
+from kinran.base.encoding import parse
+from kinran.fit import components, cross_validation, learned_priors, residual, slope
+from kinran.fit.slope_lobes import Lobes
 
 
-def choose(T: np.ndarray, lights: np.ndarray, folder: Path, monkeypatch: pytest.MonkeyPatch) -> residual.Choice:
-    stack = Set(T, lights)
-    monkeypatch.setattr(samples, "iterate", lambda stack, boxes: iter([stack.sample]))
-    monkeypatch.setattr(samples, "training_directions", lambda stack: stack.lights)
-    free = slope.fit(stack.sample.T, stack.sample.W, lights)
-    region = np.zeros(len(T), np.intp)
-    priors = learned.region_priors(free, stack.sample.W, region, 1)
-    slope.write_priors(folder / "prior.json", priors)
-    return residual.choose(stack, region.reshape(16, 16), folder / "prior.json", "srgb", ("ggx", 1), 1)  # type: ignore[arg-type]
+def choose(T: np.ndarray, lights: np.ndarray) -> residual.Choice:
+    samples = sampled(T.astype(np.float32), lights)
+    priors = learned_priors.region_priors(slope.fit(samples, Lobes()), samples, 1)
+    return residual.cross_validate(samples, Lobes(), priors, "srgb")
 
 
 def lights_of_a_dome(n: int = 60) -> np.ndarray:
@@ -39,13 +21,13 @@ def lights_of_a_dome(n: int = 60) -> np.ndarray:
     return frames.direction(theta, k * np.pi * (3 - 5**0.5))
 
 
-def test_none_where_lobes_are_exact(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_none_where_lobes_are_exact() -> None:
     lights = lights_of_a_dome()
     T = 0.2 * radiance(*texels(256), lights)
-    assert choose(T, lights, tmp_path, monkeypatch).components == 0
+    assert choose(T, lights).components == 0
 
 
-def test_some_where_shadows_fall(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_some_where_shadows_fall() -> None:
     """Each texel is dark under light from its own side, below an angle of its own: no lobe can say that."""
     lights = lights_of_a_dome()
     rng = np.random.default_rng(0)
@@ -53,20 +35,20 @@ def test_some_where_shadows_fall(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     towards = np.stack([np.cos(side), np.sin(side)], 1) @ lights[:, :2].T
     shadow = 1 / (1 + np.exp(-12 * (0.3 - towards)))
     T = 0.2 * radiance(*texels(256), lights) * (0.1 + 0.9 * shadow[:, None])
-    choice = choose(T, lights, tmp_path, monkeypatch)
+    choice = choose(T, lights)
     assert choice.components > 0
     assert choice.psnr > choice.lobes_psnr + 1
 
 
 def test_saturated_samples_are_not_pulled_down_to_white() -> None:
     shown, lobes = np.array([[1.0, 0.4]]), np.array([[1.6, 0.5]])
-    np.testing.assert_allclose(residual.remainder(shown, lobes, "srgb", 1.0), [[0, -0.1]])
-    np.testing.assert_allclose(residual.remainder(shown, lobes, "log:2", 1.0), [[-0.6, -0.1]])
+    np.testing.assert_allclose(components.remainder(shown, lobes, "srgb", 1.0), [[0, -0.1]])
+    np.testing.assert_allclose(components.remainder(shown, lobes, "log:2", 1.0), [[-0.6, -0.1]])
 
 
 def test_principal_components_are_orthonormal_and_ordered() -> None:
     left = np.random.default_rng(0).normal(size=(12, 300)) * np.arange(12, 0, -1)[:, None]
-    basis = residual.principal(left, 5)
+    basis = components.principal(left, 5)
     np.testing.assert_allclose(basis.T @ basis, np.eye(5), atol=1e-10)
     strength = np.linalg.norm(basis.T @ left, axis=1)
     assert (np.diff(strength) < 0).all()
@@ -84,17 +66,17 @@ def test_encodings_of_photographs_are_domains_of_the_residual() -> None:
 def test_neighbouring_lights_are_left_out_in_turn() -> None:
     """What is left out lies between what is not: hardly any light is outside of the others' hull, as at random."""
     lights = lights_of_a_dome()
-    fold = folds.deal(lights, 8)
+    fold = cross_validation.deal(lights, 8)
     assert sorted(np.bincount(fold)) == [7, 7, 7, 7, 8, 8, 8, 8]
     nearest = np.argsort(np.linalg.norm(lights[:, None] - lights, axis=-1), axis=1)[:, 1]
     assert (fold != fold[nearest]).mean() > 0.9
-    inside = [folds.surrounded(lights[fold == k], lights[fold != k]).mean() for k in range(8)]
+    inside = [cross_validation.surrounded(lights[fold == k], lights[fold != k]).mean() for k in range(8)]
     assert min(inside) > 0.5
 
 
 def test_lights_on_a_line_have_no_inside() -> None:
     line = frames.direction(np.linspace(0.1, 1.2, 9), np.zeros(9))
-    assert not folds.surrounded(line[::2], line[1::2]).any()
+    assert not cross_validation.surrounded(line[::2], line[1::2]).any()
 
 
 def test_few_lights_take_the_lobes_unless_something_is_surely_better() -> None:

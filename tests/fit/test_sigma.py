@@ -8,9 +8,9 @@ import pytest
 from cloth_on_disk import Cloth, directions, no_prior, pictures
 from synthetic_texels import grid, radiance, texels
 
-from kinran.exr import read_exr
-from kinran.fit.lobes import squared_widths
+from kinran.base.exr import read_exr
 from kinran.fit.sigma import parameters
+from kinran.fit.solver.lobes import squared_widths
 from kinran_bsdf.material import Material
 
 SHAPE = (16, 24)
@@ -19,7 +19,7 @@ SHAPE = (16, 24)
 def sigma(cloth: Cloth) -> dict[str, np.ndarray]:
     folder = cloth.folder
     no_prior(folder / "flat.json")
-    given = ["--regions", folder / "regions.json", "--prior", folder / "flat.json", "--material", folder / "slope.exr"]
+    given = ["--prior", folder / "flat.json", "--material", folder / "slope.exr"]
     given += ["--summary", folder / "sigma.json", "--picture", folder / "sigma.png"]
     assert cloth.run("sigma", "sigma.exr", *given) == 0
     return read_exr(folder / "sigma.exr")
@@ -66,11 +66,11 @@ def test_medians_of_regions(fitted: tuple) -> None:
 
 def test_parameters_are_those_that_the_material_was_made_of(fitted: tuple) -> None:
     material, _, (_, colours, _) = fitted
-    P, C = parameters(material)
-    found = np.stack(squared_widths(P[:, :5]), 1)
+    made_of = parameters(material)
+    found = np.stack(squared_widths(made_of.lobe(0)), 1)
     planes = np.stack([material.channels[f"lobe1.{name}"].ravel() for name in ("xx", "xy", "yy")], 1)
     np.testing.assert_allclose(found, planes, rtol=1e-4, atol=1e-7)
-    np.testing.assert_allclose(np.median(np.abs(C - colours), 0), 0, atol=0.02)
+    np.testing.assert_allclose(np.median(np.abs(made_of.colours - colours), 0), 0, atol=0.02)
 
 
 def test_lobes_between_the_lights_are_not_resolved(tmp_path: Path) -> None:
@@ -96,8 +96,8 @@ def test_a_texture_has_no_lobe_to_be_unsure_of(tmp_path: Path) -> None:
     material = cloth.fit("--fitted", 0)
     no_prior(tmp_path / "two.json", regions=2)
     assert (material.channels["lobe1.amplitude"][labels == 1] == 0).all()
-    given = ["--regions", tmp_path / "regions.json", "--prior", tmp_path / "two.json", "--material"]
-    given += [tmp_path / "slope.exr", "--summary", tmp_path / "s.json", "--picture", tmp_path / "s.png"]
+    given = ["--prior", tmp_path / "two.json", "--material", tmp_path / "slope.exr"]
+    given += ["--summary", tmp_path / "s.json", "--picture", tmp_path / "s.png"]
     assert cloth.run("sigma", "sigma.exr", *given) == 0
     maps = read_exr(tmp_path / "sigma.exr")
     assert np.isinf(maps["sigma.lobe1.x"][labels == 1]).all()

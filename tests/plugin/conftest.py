@@ -1,12 +1,10 @@
 """Variants of the plugin's tests, and the fabrics that they use.
 
-Dr.Jit 1.5 aborts the whole process where libLLVM is 15 or 16: a backend is tried in a process of its own.
+A backend is tried in a process of its own, since a wrong libLLVM aborts it (`kinran.base.probes`).
 A variant that cannot be used here is skipped, unless KINRAN_REQUIRE_VARIANTS names its backend (llvm, cuda).
 """
 
 import os
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Any
@@ -17,6 +15,7 @@ import numpy as np
 import pytest
 from plugin_fabrics import random_material
 
+from kinran.base.probes import variant_fault
 from kinran_bsdf import Material
 
 REQUIRED = set(filter(None, os.environ.get("KINRAN_REQUIRE_VARIANTS", "").split(",")))
@@ -25,21 +24,13 @@ JIT = tuple(f"{backend}_ad_{colour}" for backend in ("llvm", "cuda") for colour 
 ALL = ("scalar_rgb", "scalar_spectral", *JIT, "llvm_ad_spectral_polarized", "cuda_ad_spectral_polarized")
 
 
-@cache
-def usable(variant: str) -> bool:
-    """Whether a variant runs here: dr.maximum is what aborts."""
-    code = (
-        f"import mitsuba as mi, drjit as dr; mi.set_variant('{variant}');"
-        "x = dr.maximum(mi.Float(1), 2); dr.eval(x); print('usable')"
-    )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
-    return "usable" in run.stdout
+fault_of = cache(variant_fault)
 
 
 def choose(variant: str) -> None:
     backend = variant.split("_")[0]
-    if not usable(f"{backend}_rgb" if backend == "scalar" else f"{backend}_ad_rgb"):
-        why = f"{variant}: Dr.Jit has no usable backend '{backend}' here"
+    if fault := fault_of(f"{backend}_rgb" if backend == "scalar" else f"{backend}_ad_rgb"):
+        why = f"{variant}: Dr.Jit has no usable backend '{backend}' here ({fault})"
         if backend in REQUIRED:
             pytest.fail(f"{why}, and KINRAN_REQUIRE_VARIANTS asks for it")
         pytest.skip(why)

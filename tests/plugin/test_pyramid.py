@@ -9,10 +9,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from conftest import choose
 
-from kinran_bsdf import Material, models, pyramid, write_material
+from kinran_bsdf import Material, pyramid, write_material
 from kinran_bsdf.maps import PackedMaps, pack
 from kinran_bsdf.mixture import mean
+from kinran_bsdf.models import Slope
 from kinran_bsdf.pyramid import Pyramid, halve
 from kinran_bsdf.residual import Residual, spline
 
@@ -58,7 +60,7 @@ def patterned(fabric: Callable[..., Material]) -> Material:
 def apex(m: Material, levels: int) -> np.ndarray:
     packed, weights = pack(m, 3), None
     for _ in range(levels):
-        packed, weights = halve(packed, weights, 3, m.lobes, m.tail)
+        packed, weights = halve(packed, weights, 3, m.reflection)
     return packed
 
 
@@ -83,7 +85,7 @@ def test_a_lobe_has_the_mean_and_the_variance_of_four(
     m = fabric(size=(2, 2), tail=tail)
     texels, top = pack(m, 3).reshape(4, 13).astype(float), apex(m, 1)[0, 0]
     energy = texels[:, 5:8].sum(1)
-    weight = energy * np.sqrt(energy / models.slope_albedo(*texels[:, 8:].T))
+    weight = energy * np.sqrt(energy / m.reflection.albedo(texels[:, 8:].T))
     spread = np.cov(texels[:, 8:10].T, aweights=weight, ddof=0) * part
     own = np.average(texels[:, 10:], 0, weights=weight)
     np.testing.assert_allclose(top[8:10], np.average(texels[:, 8:10], 0, weights=weight), atol=1e-5)
@@ -151,16 +153,16 @@ def test_lobes_are_grouped_as_they_belong_together(
 
     truth, weights = seen(packed), None
     for _ in range(3):
-        packed, weights = halve(packed, weights, 3, 2, "gaussian")
+        packed, weights = halve(packed, weights, 3, Slope(lobes=2))
         truth = mean(truth)
         assert np.sqrt(np.mean((seen(packed) - truth) ** 2) / np.mean(truth**2)) < bound
 
 
 def test_blocks_of_rows_are_one_whole(jit: str, fabric: Callable[..., Material], monkeypatch: Any) -> None:
     packed = pack(fabric(lobes=2, size=(24, 10)), 3)
-    whole = halve(packed, None, 3, 2, "gaussian")
+    whole = halve(packed, None, 3, Slope(lobes=2))
     monkeypatch.setattr(pyramid, "BLOCK", 40)
-    for found, expected in zip(halve(packed, None, 3, 2, "gaussian"), whole, strict=True):
+    for found, expected in zip(halve(packed, None, 3, Slope(lobes=2)), whole, strict=True):
         np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
@@ -175,10 +177,10 @@ def test_fabric_without_lobes_has_a_pyramid(jit: str, fabric: Callable[..., Mate
 @pytest.mark.parametrize("wrap", ["repeat", "clamp"])
 def test_each_level_is_found_and_wraps(jit: str, fabric: Callable[..., Material], wrap: str) -> None:
     packed = pack(weave(fabric, (24, 40)), 3)
-    levels = Pyramid(packed, lambda m, w: halve(m, w, 3, 1, "gaussian"), wrap)
+    levels = Pyramid(packed, lambda m, w: halve(m, w, 3, Slope()), wrap)
     level, weights = packed, None
     for k in range(1, levels.count + 1):
-        level, weights = halve(level, weights, 3, 1, "gaussian")
+        level, weights = halve(level, weights, 3, Slope())
         height, width = level.shape[:2]
         for y, x in ((0, 0), (height - 1, width - 1), (height // 2, width // 3)):
             uv = mi.Point2f((x + 0.5) / width, (y + 0.5) / height)
@@ -273,6 +275,22 @@ def test_near_view_uses_the_map_itself(jit: str, fabric: Callable[..., Material]
     write_material(tmp_path / "a.exr", weave(fabric))
     there = far_view(tmp_path / "a.exr", [0, 0, -1], 4, 0.0, 1)
     np.testing.assert_allclose(far_view(tmp_path / "a.exr", [0, 0, -1], 4, 1e-6, 1), there, rtol=1e-5)
+
+
+def test_scalar_variants_have_a_pyramid(fabric: Callable[..., Material], tmp_path: Path) -> None:
+    """Their masks are Python's bools, which `~` does not invert; a near point sees the map, far ones the top level."""
+    choose("scalar_rgb")
+    write_material(tmp_path / "a.exr", weave(fabric))
+
+    def seen(angle: float, distance: float, u: float) -> np.ndarray:
+        bsdf = mi.load_dict({"type": "kinran", "filename": str(tmp_path / "a.exr"), "pixel_angle": angle})
+        si = dr.zeros(mi.SurfaceInteraction3f)
+        si.t, si.uv, si.dp_du, si.dp_dv = distance, mi.Point2f(u, 0.5), mi.Vector3f(1, 0, 0), mi.Vector3f(0, 1, 0)
+        si.wi, si.sh_frame = mi.Vector3f(0, 0, 1), mi.Frame3f(mi.Normal3f(0, 0, 1))
+        return np.array(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(0, 0, 1)))
+
+    np.testing.assert_allclose(seen(PIXEL, 1e-3, 0.3), seen(0.0, 1e-3, 0.3), rtol=1e-6)
+    np.testing.assert_allclose(seen(PIXEL, 1e3, 0.3), seen(PIXEL, 1e3, 0.6), rtol=1e-5)
 
 
 def test_only_changed_maps_are_filtered_again(jit: str, fabric: Callable[..., Material], tmp_path: Path) -> None:

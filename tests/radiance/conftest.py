@@ -3,15 +3,16 @@
 import pytest
 from known_scene import EXPOSURES, Capture, shoot
 
-from kinran.plan import plan_grid
-from kinran.plans import write_plan
+from kinran.base.distances import Distances
+from kinran.capture.grid import plan_grid
+from kinran.data.capture_plan import write_plan
 
 
 @pytest.fixture(scope="session")
 def capture(tmp_path_factory: pytest.TempPathFactory) -> Capture:
     """Twelve directions and θ = 0 in two groups, with calibration."""
     folder = tmp_path_factory.mktemp("captures") / "swatch"
-    plan = plan_grid("swatch", (0, 20, 40, 60, 80), 3, EXPOSURES, 2, lamp_mm=600.0, field_mm=4.8)
+    plan = plan_grid("swatch", (0, 20, 40, 60, 80), 3, EXPOSURES, 2, Distances(lamp_mm=600.0, field_mm=4.8))
     folder.mkdir()
     write_plan(folder / "plan.json", plan)
     return Capture(folder, plan, folder / "plan.json", shoot(folder, plan))

@@ -1,16 +1,16 @@
 """One EXR a light: colours, metadata, and what happens to values that half floats cannot hold."""
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 import OpenEXR
 import pytest
 
-from kinran.exr import read_exr_with_header, write_exr
-from kinran.files import InputError
+from kinran.base.exr import read_exr_with_header, write_exr
+from kinran.base.files import InputError
+from kinran.data.radiance import Radiance
+from kinran.data.radiance_stack import Light, Metadata, Stack, write_metadata, write_shards
 from kinran.radiance import export
-from kinran.stack import Light, Stack, write_metadata, write_shards
 
 MATRIX = np.array([[0.9, 0.1, 0.0], [-0.2, 1.3, -0.1], [0.0, 0.1, 0.9]])
 
@@ -21,16 +21,17 @@ def stack(tmp_path: Path) -> Stack:
     radiance = rng.random((8, 20, 30, 3)).astype(np.float32)
     radiance[2, 0, 0] = 0, 0, 60_000
     radiance[2, 1, 1] = 5, 0, 0
-    lights = [Light(f"l{k}", (0.0, 0.6, 0.8), (0.0, 360.0, 480.0)) for k in range(8)]
-    write_shards(tmp_path / "s.zarr", 0, radiance, np.zeros(radiance.shape, np.uint8))
+    lights = tuple(Light(f"l{k}", (0.0, 0.6, 0.8), (0.0, 360.0, 480.0)) for k in range(8))
+    write_shards(tmp_path / "s.zarr", 0, Radiance.unflagged(radiance))
     noise = {"kind": "raw", "seconds": [0.04, 0.001]}
     camera = (0.0, 0.0, 600.0)
-    write_metadata(tmp_path / "s.zarr", lights, 20, 30, 0.1, "", "", "camera", MATRIX, noise, camera)
+    metadata = Metadata(lights, 20, 30, 0.1, "", "", "camera", MATRIX, noise, camera)
+    write_metadata(tmp_path / "s.zarr", metadata)
     return Stack.open(tmp_path / "s.zarr")
 
 
 def run(stack: Stack, out: Path, lights: str = "") -> None:
-    export.main(argparse.Namespace(stack=stack.path, out=out, lights=lights, calibration=None))
+    export.main(export.Inputs(stack.path), out, export.Options(lights))
 
 
 def test_a_light_is_a_picture_in_acescg(tmp_path: Path, stack: Stack) -> None:
@@ -38,7 +39,7 @@ def test_a_light_is_a_picture_in_acescg(tmp_path: Path, stack: Stack) -> None:
     run(stack, tmp_path / "out")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [f"l{k}.exr" for k in range(8)]
     channels, header = read_exr_with_header(tmp_path / "out/l2.exr")
-    values, _ = stack.read_tile(0, 20, 0, 30, [2])
+    values = stack.read_tile(0, 20, 0, 30, [2]).value
     expected = (values[0].astype(float) @ MATRIX.T)[::-1]
     np.testing.assert_allclose(np.stack([channels[c] for c in "RGB"], -1), expected, rtol=6e-4, atol=1e-4)
     assert channels["G"][18, 1] == pytest.approx(-1.0, rel=1e-3)

@@ -14,7 +14,7 @@ from kinran.__main__ import main
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from kinran import stack
+from kinran.data import radiance_stack as stack
 from kinran.__main__ import main
 
 step, calls = sys.argv[1], int(sys.argv[2])

@@ -1,18 +1,18 @@
 """Photographs under lamps at known distances: what their stack holds of geometry, and that its radiance follows it."""
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tifffile
+from stages import make_stack
 
-from kinran import ingest
-from kinran.files import InputError, write_json
-from kinran.geometry import directions_to, falloff, texel_points
-from kinran.lights import Light, read_lp, write_lp
-from kinran.radiance import assemble, calibrate, merge_group
-from kinran.stack import Stack
+from kinran.base.distances import directions_to, falloff, texel_points
+from kinran.base.files import InputError
+from kinran.capture import ingest, ingest_group
+from kinran.capture.photograph_set import Known
+from kinran.data.lights import LpLight, read_lp, write_lp
+from kinran.data.radiance_stack import Stack
 
 WIDTH, HEIGHT, FIELD = 60, 40, 120.0
 ALBEDO = 0.3
@@ -40,41 +40,23 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         tifffile.imwrite(folder / f"n{k}.tif", picture)
         length = float(np.linalg.norm(position))
         x, y, z = (float(part) for part in position / length)
-        lights.append(Light(f"n{k}", (x, y, z), f"n{k}.tif", length=length))
+        lights.append(LpLight(f"n{k}", (x, y, z), f"n{k}.tif", length=length))
     write_lp(folder / "near.lp", lights)
     return folder
 
 
 def run(folder: Path, work: Path, crop: str, lamp: float | None, camera: float | None = None) -> Stack:
     plan, manifest = work / "captures/set/plan.json", work / "captures/set/groups/00.json"
-    given = {"lamp_mm": lamp, "field_mm": FIELD if lamp else None, "camera_mm": camera}
-    ingest.main(
-        argparse.Namespace(
-            folder=folder,
-            fabric="set",
-            encoding="linear",
-            crop=crop,
-            holdout=4,
-            plan=None,
-            group=None,
-            out=plan,
-            **given,
-        )
-    )
-    write_json(manifest, ingest.manifest(plan, "00", folder))
-    calibration, out = work / "calibration.json", work / "radiance.zarr"
-    calibrate.main(
-        argparse.Namespace(plan=plan, manifests=[manifest], out=calibration, chart=None, chart_corners="", lamp="")
-    )
-    common = {"plan": plan, "calibration": calibration, "out": out}
-    merge_group.main(argparse.Namespace(manifest=manifest, receipt=work / "00.json", **common))
-    assemble.main(argparse.Namespace(manifests=[manifest], receipts=[work / "00.json"], holdout=4, **common))
-    return Stack.open(out)
+    known = {"encoding": "linear", "crop": crop, "lamp_mm": lamp, "field_mm": FIELD if lamp else None}
+    options = ingest.Options(**known, camera_mm=camera, fabric="set", holdout=4)
+    ingest.main(ingest.Inputs(folder), plan, options)
+    ingest_group.main(ingest_group.Inputs(folder, plan), manifest, "00")
+    return make_stack(work, plan, manifest)
 
 
 def albedo(stack: Stack) -> np.ndarray:
     """Value over what light, its falloff and its cosine explain, (light, y, x)."""
-    values, _ = stack.read_tile(0, stack.height, 0, stack.width)
+    values = stack.read_tile(0, stack.height, 0, stack.width).value
     assert stack.texel_mm is not None
     plate = texel_points(stack.height, stack.width, stack.texel_mm)
     lamps = [light.position_mm for light in stack.lights]
@@ -101,19 +83,20 @@ def test_without_distances_the_plate_is_uneven(folder: Path, tmp_path: Path) -> 
     stack = run(folder, tmp_path, "", None)
     assert all(light.position_mm is None for light in stack.lights)
     assert stack.texel_mm is None
-    values, _ = stack.read_tile(0, HEIGHT, 0, WIDTH)
+    values = stack.read_tile(0, HEIGHT, 0, WIDTH).value
     seen = values[..., 1] / stack.directions[:, 2, None, None]
     middle = seen[:, HEIGHT // 2, WIDTH // 2]
     assert middle.max() / middle.min() > 2.2
     assert (seen.max((1, 2)) / seen.min((1, 2))).max() > 1.5
 
 
-def test_what_lengths_mean_is_said(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_lengths_mean_is_said(folder: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """Vectors that may be positions are directions until a length is given; the run says so."""
     run(folder, tmp_path, "", None)
-    assert "long and taken for directions; if they are positions, give --lamp-mm" in capsys.readouterr().err
+    assert "long and taken for directions; if they are positions, give --lamp-mm" in caplog.text
+    caplog.clear()
     run(folder, tmp_path, "", 1.0)
-    assert "taken for directions" not in capsys.readouterr().err
+    assert "taken for directions" not in caplog.text
     assert [light.length for light in read_lp(folder / "near.lp")] == pytest.approx(RADII)
 
 
@@ -121,12 +104,12 @@ def test_what_lengths_mean_is_said(folder: Path, tmp_path: Path, capsys: pytest.
     ("lengths", "says"),
     [
         ((0.0, 60.0, None), "--lamp-mm 0: give a length over 0 mm"),
-        ((300.0, None, None), "--lamp-mm: says something only beside"),
-        ((None, None, 300.0), "--camera-mm: says something only beside"),
+        ((300.0, None, None), "--lamp-mm: needs the width of a photograph"),
+        ((None, None, 300.0), "--camera-mm: needs the width of a photograph"),
         ((None, float("inf"), None), "--field-mm inf"),
     ],
 )
 def test_lengths_that_cannot_be(lengths: tuple[float | None, ...], says: str) -> None:
-    given = dict(zip(("lamp_mm", "field_mm", "camera_mm"), lengths, strict=True))
+    known = Known("srgb", "", *lengths)
     with pytest.raises(InputError, match=says):
-        ingest.distances(argparse.Namespace(**given))
+        _ = known.distances

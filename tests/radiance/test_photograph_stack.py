@@ -1,18 +1,21 @@
 """Photographs: decoded, never scaled; their sizes; what is held out."""
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
+from stages import make_stack
 
-from kinran import ingest
-from kinran.files import InputError, write_json
-from kinran.lights import Light, write_lp
-from kinran.plans import read_plan, write_plan
-from kinran.radiance import assemble, calibrate, colour_chart, merge_group
-from kinran.stack import SATURATED, Stack
+from kinran.base.files import InputError, write_json
+from kinran.calibrate import colour_chart
+from kinran.capture import ingest, ingest_group
+from kinran.capture.photograph_set import Known, inspect
+from kinran.data.capture_plan import read_plan, write_plan
+from kinran.data.lights import LpLight, write_lp
+from kinran.data.radiance import SATURATED
+from kinran.data.radiance_stack import Stack
+from kinran.radiance import merge_group
 
 COUNT = 20
 
@@ -29,30 +32,24 @@ def folder(tmp_path: Path) -> Path:
         values[0, 0] = 255
         Image.fromarray(values.astype(np.uint8)).save(tmp_path / f"p{k:02d}.png")
         x_, y_, z_ = (float(v) for v in vector)
-        lights.append(Light(f"p{k:02d}", (x_, y_, abs(z_)), f"p{k:02d}.png"))
+        lights.append(LpLight(f"p{k:02d}", (x_, y_, abs(z_)), f"p{k:02d}.png"))
     write_lp(tmp_path / "set.lp", lights)
     return tmp_path
 
 
 def run(folder: Path, encoding: str, crop: str = "", holdout: int = 4) -> Stack:
     plan = folder / "captures/set/plan.json"
-    lights = ingest.inspect(folder, encoding, crop, holdout)
-    write_plan(plan, ingest.plan("set", lights, encoding, crop))
+    known = Known(encoding, crop)
+    write_plan(plan, ingest.plan("set", inspect(folder, known, holdout), known))
     manifest = folder / "captures/set/groups/00.json"
-    write_json(manifest, ingest.manifest(plan, "00", folder))
-    calibration, out = folder / "calibration.json", folder / "radiance.zarr"
-    calibrate.main(
-        argparse.Namespace(plan=plan, manifests=[manifest], out=calibration, chart=None, chart_corners="", lamp="")
-    )
-    common = {"plan": plan, "calibration": calibration, "out": out}
-    merge_group.main(argparse.Namespace(manifest=manifest, receipt=folder / "00.json", **common))
-    assemble.main(argparse.Namespace(manifests=[manifest], receipts=[folder / "00.json"], holdout=holdout, **common))
-    return Stack.open(out)
+    write_json(manifest, ingest_group.manifest(plan, "00", folder))
+    return make_stack(folder, plan, manifest, holdout)
 
 
 def test_linear_values_pass_unchanged(folder: Path) -> None:
     stack = run(folder, "linear")
-    values, flags = stack.read_tile(0, 12, 0, 20)
+    seen = stack.read_tile(0, 12, 0, 20)
+    values, flags = seen.value, seen.flags
     assert values.shape == (COUNT, 12, 20, 3)
     ramp = (5 * np.arange(20) + np.arange(COUNT)[:, None]) / 255
     np.testing.assert_allclose(values[:, 3, :, 0], ramp, rtol=6e-4)  # half precision
@@ -66,7 +63,8 @@ def test_linear_values_pass_unchanged(folder: Path) -> None:
 
 def test_srgb_is_decoded_and_cropped(folder: Path) -> None:
     stack = run(folder, "srgb", "4,2,8,6")
-    values, flags = stack.read_tile(0, 6, 0, 8)
+    seen = stack.read_tile(0, 6, 0, 8)
+    values, flags = seen.value, seen.flags
     assert (stack.height, stack.width, stack.crop) == (6, 8, "4,2,8,6")
     encoded = (5 * 4 + 3) / 255  # column 4 under light 3
     assert values[3, 0, 0, 0] == pytest.approx(((encoded + 0.055) / 1.055) ** 2.4, rel=1e-3)
@@ -83,16 +81,11 @@ def test_another_size_is_refused(folder: Path) -> None:
     run(folder, "linear")
     Image.fromarray(np.zeros((12, 21, 3), np.uint8)).save(folder / "p07.png")
     calibration, plan = folder / "calibration.json", folder / "captures/set/plan.json"
-    arguments = argparse.Namespace(
-        plan=plan,
-        calibration=calibration,
-        manifest=plan.parent / "groups/00.json",
-        receipt=None,
-        out=folder / "radiance.zarr",
-    )
+    inputs = merge_group.Inputs(plan, calibration, plan.parent / "groups/00.json")
+    out = merge_group.Outputs(folder / "radiance.zarr")
     with pytest.raises(InputError, match=r"p07\.png: gives 21 × 12 texels"):
-        merge_group.main(arguments)
+        merge_group.main(inputs, out)
     (folder / "p07.png").write_bytes(b"")
     with pytest.raises(InputError, match=r"p07\.png"):
-        merge_group.main(arguments)
+        merge_group.main(inputs, out)
     assert read_plan(plan).encoding == "linear"

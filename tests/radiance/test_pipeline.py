@@ -1,6 +1,5 @@
 """Calibrate, merge and stack against a scene of known radiance, from DNG files to the stack."""
 
-import argparse
 import json
 import shutil
 from dataclasses import replace
@@ -11,15 +10,20 @@ import pytest
 from known_scene import SCENE, Capture, radiance
 
 from kinran.__main__ import main
-from kinran.files import InputError
-from kinran.plan import plan_grid
-from kinran.radiance import assemble, calibrate, colour_chart, merge_group
-from kinran.radiance.calibration import Calibration, read_calibration
-from kinran.radiance.noise import sigma
-from kinran.radiance.raw import read_raw
-from kinran.radiance.shots import read_bracket, read_manifest
-from kinran.radiance.superpixels import merge_bracket
-from kinran.stack import DARK, HOT, SATURATED, SHIFTED, Stack, shard_path
+from kinran.base.files import InputError
+from kinran.bracket.noise import sigma
+from kinran.bracket.shots import read_bracket, read_manifest
+from kinran.bracket.superpixels import merge_bracket
+from kinran.calibrate import calibrate, colour_chart
+from kinran.capture.grid import plan_grid
+from kinran.data.calibration import Calibration, read_calibration
+from kinran.data.hold_out_rule import held_out
+from kinran.data.radiance import DARK, HOT, SATURATED, SHIFTED, Radiance
+from kinran.data.radiance_stack import Stack
+from kinran.data.raw import read_raw
+from kinran.data.shards import shard_path
+from kinran.radiance import merge_group
+from kinran.radiance import stack as stack_stage
 from kinran.virtual.sensor import CROSSTALK, Sensor, _defects, shutter
 
 TEXELS = int(SCENE["texels"])
@@ -27,12 +31,8 @@ CAMERA = CROSSTALK / CROSSTALK.sum(1, keepdims=True)
 """Scene RGB to white-balanced camera RGB."""
 
 
-def run(stage: object, **values: object) -> None:
-    stage.main(argparse.Namespace(**values))  # type: ignore[attr-defined]
-
-
 def run_calibrate(capture: Capture, out: Path) -> Calibration:
-    run(calibrate, plan=capture.plan_path, manifests=capture.manifests, out=out, chart=None, chart_corners="", lamp="")
+    calibrate.main(calibrate.Inputs(capture.plan_path, tuple(capture.manifests)), out)
     return read_calibration(out)
 
 
@@ -50,26 +50,19 @@ def stack(capture: Capture, calibration: Calibration) -> Stack:
 
 
 def run_merge(capture: Capture, group: str, out: str = "radiance.zarr", manifest: Path | None = None) -> None:
-    run(
-        merge_group,
-        plan=capture.plan_path,
-        calibration=capture.folder / "calibration.json",
-        manifest=manifest or capture.manifest(group),
-        receipt=capture.folder / f"{group}.json",
-        out=capture.folder / out,
-    )
+    calibration, manifest = capture.folder / "calibration.json", manifest or capture.manifest(group)
+    outputs = merge_group.Outputs(capture.folder / out, capture.folder / f"{group}.json")
+    merge_group.main(merge_group.Inputs(capture.plan_path, calibration, manifest), outputs)
 
 
 def run_stack(capture: Capture, holdout: int) -> None:
-    run(
-        assemble,
-        plan=capture.plan_path,
-        calibration=capture.folder / "calibration.json",
-        manifests=capture.manifests,
-        receipts=[capture.folder / "00.json", capture.folder / "01.json"],
-        holdout=holdout,
-        out=capture.folder / "radiance.zarr",
+    inputs = stack_stage.Inputs(
+        capture.plan_path,
+        capture.folder / "calibration.json",
+        tuple(capture.manifests),
+        (capture.folder / "00.json", capture.folder / "01.json"),
     )
+    stack_stage.main(inputs, capture.folder / "radiance.zarr", stack_stage.Options(holdout))
 
 
 def truth(capture: Capture) -> np.ndarray:
@@ -130,7 +123,8 @@ def test_the_stack_is_the_scene(capture: Capture, stack: Stack) -> None:
 
     The scale is that of one white plate, under a lamp that flickers by 0.1 % from frame to frame.
     """
-    values, flags = stack.read_tile(0, TEXELS, 0, TEXELS)
+    seen = stack.read_tile(0, TEXELS, 0, TEXELS)
+    values, flags = seen.value, seen.flags
     expected = truth(capture)
     good = (flags & (SATURATED | HOT)) == 0
     scale = np.median(values[good & (expected > 0.1)] / expected[good & (expected > 0.1)])
@@ -145,7 +139,8 @@ def test_the_stack_is_the_scene(capture: Capture, stack: Stack) -> None:
 
 def test_the_noise_model_of_the_stack_is_that_of_its_samples(capture: Capture, stack: Stack) -> None:
     """z-rms of (value − truth) / σ within 10 % of 1 in each decade, with 0.2 % for the lamp and half floats."""
-    values, flags = stack.read_tile(0, TEXELS, 0, TEXELS)
+    seen = stack.read_tile(0, TEXELS, 0, TEXELS)
+    values, flags = seen.value, seen.flags
     expected = truth(capture)
     spread = np.hypot(sigma(expected.astype(np.float32), stack.noise), 2e-3 * expected)
     for low, high in ((1e-3, 1e-2), (1e-2, 0.1), (0.1, 1), (1, 15)):
@@ -155,7 +150,8 @@ def test_the_noise_model_of_the_stack_is_that_of_its_samples(capture: Capture, s
 
 
 def test_saturated_samples_are_flagged_lower_bounds(capture: Capture, stack: Stack) -> None:
-    values, flags = stack.read_tile(0, TEXELS, 0, TEXELS)
+    seen = stack.read_tile(0, TEXELS, 0, TEXELS)
+    values, flags = seen.value, seen.flags
     full, expected = (flags & SATURATED) > 0, truth(capture)
     corner = np.s_[:-1, TEXELS - 2 :, :2, 1]  # 30 times white, but not at θ = 0
     assert full[corner].all()
@@ -166,7 +162,8 @@ def test_saturated_samples_are_flagged_lower_bounds(capture: Capture, stack: Sta
 
 
 def test_darkness_is_flagged(capture: Capture, stack: Stack) -> None:
-    values, flags = stack.read_tile(0, TEXELS, 0, TEXELS)
+    seen = stack.read_tile(0, TEXELS, 0, TEXELS)
+    values, flags = seen.value, seen.flags
     dark = (flags & DARK) > 0
     assert dark.any()
     assert truth(capture)[dark].max() < 5e-3
@@ -175,7 +172,8 @@ def test_darkness_is_flagged(capture: Capture, stack: Stack) -> None:
 
 def test_the_lamp_is_taken_out(capture: Capture, stack: Stack) -> None:
     """A lamp that drifts by 3 % over a group leaves 0.2 % from light to light."""
-    values, flags = stack.read_tile(0, TEXELS, 0, TEXELS)
+    seen = stack.read_tile(0, TEXELS, 0, TEXELS)
+    values, flags = seen.value, seen.flags
     ratio = np.where((flags == 0) & (truth(capture) > 0.05), values / truth(capture), np.nan)
     by_light = np.nanmedian(ratio, axis=(1, 2, 3))
     np.testing.assert_allclose(by_light / np.median(by_light), 1, atol=2e-3)
@@ -195,9 +193,9 @@ def test_a_lamp_that_jumps_within_a_bracket_bends_nothing(capture: Capture, cali
     assert camera is not None
 
     def steps() -> np.ndarray:
-        before, flags = merge_bracket(bracket, camera)
-        after, _ = merge_bracket(jumped, camera)
-        use, value = (flags == 0), before / np.array(camera.white)
+        first = merge_bracket(bracket, camera)
+        before, after = first.value, merge_bracket(jumped, camera).value
+        use, value = (first.flags == 0), before / np.array(camera.white)
         levels = ((3e-3, 2e-2), (0.06, 0.2), (0.5, 20))
         masks = [use & (value > low) & (value < high) for low, high in levels]
         return np.array([after[m].sum() / before[m].sum() - 1 for m in masks])
@@ -206,7 +204,7 @@ def test_a_lamp_that_jumps_within_a_bracket_bends_nothing(capture: Capture, cali
     assert np.ptp(moved) < 2e-3
     np.testing.assert_allclose(moved, 0.004, atol=2e-3)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("kinran.radiance.superpixels.FLICKER", 1e-9)
+        patch.setattr("kinran.bracket.superpixels.FLICKER", 1e-9)
         assert np.ptp(steps()) > 8e-3
 
 
@@ -225,7 +223,7 @@ def test_each_light_has_its_shot(capture: Capture, stack: Stack) -> None:
     assert stack.lights[3].grid == capture.plan.lights[3].grid
     assert stack.lights[3].position_mm == capture.plan.lights[3].position_mm
     assert stack.texel_mm == pytest.approx(4.8 / TEXELS)
-    values, _ = stack.read_tile(0, TEXELS, 0, TEXELS)
+    values = stack.read_tile(0, TEXELS, 0, TEXELS).value
     for i, picture in enumerate(truth(capture)):
         error = [np.abs(value - picture).mean() for value in values]
         assert np.argmin(error) == i
@@ -254,13 +252,13 @@ def test_repeats_of_a_light_are_averaged_one_by_one() -> None:
     """A saturated sample counts only where all are; dark where all are, shifted where one is. No picture is kept."""
     values = np.array([[1.0, 5.0, 9.0], [3.0, 2.0, 7.0], [2.0, 2.0, 8.0]], np.float32)
     flags = np.array([[DARK, SATURATED, SATURATED], [DARK, SHIFTED, SATURATED], [DARK, 0, SATURATED]], np.uint8)
-    repeats = assemble.Repeats((1, 1, 3))
+    repeats = stack_stage.Repeats((1, 1, 3))
     for value, bits in zip(values, flags, strict=True):
-        repeats.add(value.reshape(1, 1, 3), bits.reshape(1, 1, 3))
+        repeats.add(Radiance(value.reshape(1, 1, 3), bits.reshape(1, 1, 3)))
         value[:] = np.nan
-    mean, bits = repeats.mean()
-    np.testing.assert_allclose(mean[0, 0], [2, 2, 8])
-    np.testing.assert_array_equal(bits[0, 0], [DARK, SHIFTED, SATURATED])
+    mean = repeats.mean()
+    np.testing.assert_allclose(mean.value[0, 0], [2, 2, 8])
+    np.testing.assert_array_equal(mean.flags[0, 0], [DARK, SHIFTED, SATURATED])
 
 
 # -- what must stop --------------------------------------------------------------------------------------
@@ -308,7 +306,7 @@ def test_a_swapped_exposure_is_seen_in_exif(broken: Capture) -> None:
 
 def test_a_swapped_exposure_is_seen_in_the_picture(broken: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where EXIF is silent: 1/250 and 1/4000 differ sixteen times."""
-    monkeypatch.setattr("kinran.radiance.shots.read_raw", lambda path: replace(read_raw(path), seconds=0.0))
+    monkeypatch.setattr("kinran.bracket.shots.read_raw", lambda path: replace(read_raw(path), seconds=0.0))
     edit(broken.manifest("00"), "t40_p000", swap_files)
     with pytest.raises(InputError, match="times as bright"):
         run_merge(broken, "00")
@@ -328,11 +326,11 @@ def test_one_exposure_less_merges(broken: Capture, capture: Capture, stack: Stac
     shots = {shot.shot: shot for shot in read_manifest(broken.manifest("00"), broken.plan)}
     camera = read_calibration(broken.folder / "calibration.json").camera
     assert camera is not None
-    rate, flags = merge_bracket(read_bracket(shots["t40_p000"]), camera)
+    seen = merge_bracket(read_bracket(shots["t40_p000"]), camera)
     whole = {shot.shot: shot for shot in read_manifest(capture.manifest("00"), capture.plan)}
-    expected, _ = merge_bracket(read_bracket(whole["t40_p000"]), camera)
-    good = (flags & (SATURATED | HOT)) == 0
-    assert rate[good].sum() == pytest.approx(expected[good].sum(), rel=2e-3)
+    expected = merge_bracket(read_bracket(whole["t40_p000"]), camera)
+    good = ~seen.has(SATURATED | HOT)
+    assert seen.value[good].sum() == pytest.approx(expected.value[good].sum(), rel=2e-3)
 
 
 def test_a_light_without_a_shot(broken: Capture) -> None:
@@ -358,14 +356,7 @@ def test_a_lens_that_was_not_covered(broken: Capture) -> None:
 
 def test_no_calibration_shots(broken: Capture) -> None:
     with pytest.raises(InputError, match="list 0 shots of kind 'dark'"):
-        run(
-            calibrate,
-            plan=broken.plan_path,
-            manifests=[broken.manifest("00")],
-            out=broken.folder / "other.json",
-            chart_corners="",
-            lamp="",
-        )
+        calibrate.main(calibrate.Inputs(broken.plan_path, (broken.manifest("00"),)), broken.folder / "other.json")
 
 
 def test_a_group_that_was_not_merged(broken: Capture) -> None:
@@ -375,9 +366,9 @@ def test_a_group_that_was_not_merged(broken: Capture) -> None:
 
 
 @pytest.mark.parametrize(
-    ("every", "message"), [(-1, "give 0 for none"), (1, "give 0 for none"), (40, "holds out none")]
+    ("every", "message"), [(-1, "give 0 for none"), (1, "give 0 for none"), (40, "is left to hold out")]
 )
 def test_a_holdout_that_cannot_be(every: int, message: str) -> None:
     plan = plan_grid("swatch", (0, 20, 40), 4, (0.01,), 4)
     with pytest.raises(InputError, match=message):
-        assemble.held_out(plan, every)
+        held_out([light.grid for light in plan.lights], every, "plan.json")

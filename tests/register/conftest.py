@@ -7,9 +7,10 @@ import numpy as np
 import plate
 import pytest
 import yaml
-from register_session import Session, run
+from register_session import Session
 
 from kinran.register import target
+from kinran.register.register import main
 
 ANGLES = ((0, 0), (25, 20), (45, 140), (60, 20), (60, 140), (60, 260))
 
@@ -34,5 +35,5 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
 def registered(session: Session, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of the stage's results."""
     out = tmp_path_factory.mktemp("registered")
-    run(str(out), "--views", *session.files, "--board", str(session.folder / "board.yaml"))
+    main(session.inputs(session.files), out)
     return out

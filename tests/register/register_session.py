@@ -1,6 +1,5 @@
-"""A simulated session, and the stage's command line."""
+"""A simulated session."""
 
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,7 +7,8 @@ import numpy as np
 import plate
 from numpy.typing import NDArray
 
-from kinran.register import add_arguments, main, target
+from kinran.register import target
+from kinran.register.register import Inputs
 
 
 @dataclass(frozen=True)
@@ -23,12 +23,8 @@ class Session:
     folder: Path
 
     @property
-    def files(self) -> list[str]:
-        return [str(self.folder / f"{view.name}.png") for view in self.views]
+    def files(self) -> list[Path]:
+        return [self.folder / f"{view.name}.png" for view in self.views]
 
-
-def run(*words: str) -> None:
-    """The stage, as the command line calls it."""
-    parser = argparse.ArgumentParser()
-    add_arguments(parser)
-    main(parser.parse_args(words))
+    def inputs(self, files: list[Path]) -> Inputs:
+        return Inputs(tuple(files), self.folder / "board.yaml")

@@ -9,11 +9,11 @@ import pycolmap
 import pytest
 from register_session import Session
 
-from kinran.files import InputError
+from kinran.base.files import InputError
 from kinran.register import cameras, target
 
 
-def calibrate(session: Session, corners: list[target.Corners]) -> cameras.Calibration:
+def calibrate(session: Session, corners: list[target.Corners]) -> cameras.JudgedCameras:
     return cameras.calibrate(session.board.points, corners, plate.WIDTH, plate.HEIGHT)
 
 

@@ -8,8 +8,8 @@ import plate
 import pytest
 from register_session import Session
 
-from kinran.exr import read_exr_with_header
-from kinran.files import InputError
+from kinran.base.exr import read_exr_with_header
+from kinran.base.files import InputError
 from kinran.register import cameras, height
 from kinran.register.rectify import Grid
 

@@ -10,8 +10,8 @@ import pytest
 from register_session import Session
 from scipy.ndimage import fourier_shift
 
-from kinran.exr import read_exr
-from kinran.files import InputError
+from kinran.base.exr import read_exr
+from kinran.base.files import InputError
 from kinran.register import cameras, rectify
 from kinran.register.rectify import Grid
 

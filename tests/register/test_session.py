@@ -1,4 +1,4 @@
-"""The stage by its files and its command line."""
+"""The stage by its files."""
 
 import json
 import subprocess
@@ -10,11 +10,11 @@ import numpy as np
 import plate
 import pytest
 import yaml
-from register_session import Session, run
+from register_session import Session
 
-from kinran.exr import read_exr
-from kinran.files import InputError
-from kinran.register import find_views
+from kinran.base.exr import read_exr
+from kinran.base.files import InputError
+from kinran.register.register import Options, find_views, main
 
 ROOT = Path(__file__).parents[2]
 
@@ -32,6 +32,17 @@ def test_report_tells_plane_from_height(registered: Path) -> None:
         if row["theta"] > 1.0:
             assert row["plane_median_mm"] > 0.8  # where it is largest, the patches have nothing left in common
             assert row["plane_patches"] < row["patches"]
+
+
+def test_pycolmap_is_asked_for_by_name() -> None:
+    """It is an extra of the package: one sentence where it is missing, and no other command needs it."""
+    code = "import sys; sys.modules['pycolmap'] = None; from kinran.__main__ import main; sys.exit(main(sys.argv[1:]))"
+    arguments = ["register", "out", "--views", "front.png", "--board", "board.yaml"]
+    run = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False)
+    assert run.returncode == 2
+    assert run.stderr == (
+        "kinran register: the package pycolmap is missing, which registers views: pip install 'pycolmap>=4.2'\n"
+    )
 
 
 def test_cameras_file(registered: Path, session: Session) -> None:
@@ -66,22 +77,22 @@ def test_rectified_views_are_pictures_of_the_fabric(registered: Path, session: S
         assert green[dark].mean() == pytest.approx(cloth[dark].mean(), rel=0.25)  # linear, at the camera's exposure
 
 
-def command(session: Session, files: list[str], tmp_path: Path, *more: str) -> None:
-    run(str(tmp_path / "out"), "--views", *files, "--board", str(session.folder / "board.yaml"), *more)
+def command(session: Session, files: list[Path], tmp_path: Path, field: str = "") -> None:
+    main(session.inputs(files), tmp_path / "out", Options(field))
 
 
 def test_views_of_different_size(session: Session, tmp_path: Path) -> None:
     cropped = tmp_path / "cropped.png"
     cropped.write_bytes(imagecodecs.png_encode(session.pictures[1][:-10]))
     with pytest.raises(InputError, match=r"cropped\.png: is 960x790, but .*front\.png is 960x800"):
-        command(session, [*session.files[:3], str(cropped)], tmp_path)
+        command(session, [*session.files[:3], cropped], tmp_path)
 
 
 def test_view_without_the_board(session: Session, tmp_path: Path) -> None:
     blank = tmp_path / "blank.png"
     blank.write_bytes(imagecodecs.png_encode(np.full_like(session.pictures[0], 90)))
     with pytest.raises(InputError, match=r"blank\.png: the board is not found"):
-        command(session, [*session.files[:2], str(blank)], tmp_path)
+        command(session, [*session.files[:2], blank], tmp_path)
     assert not (tmp_path / "out").exists()
 
 
@@ -91,12 +102,12 @@ def test_view_without_the_board(session: Session, tmp_path: Path) -> None:
 )
 def test_wrong_field(session: Session, tmp_path: Path, field: str, message: str) -> None:
     with pytest.raises(InputError, match=f"field '{field}': .*{message}"):
-        command(session, session.files, tmp_path, "--field-mm", field)
+        command(session, session.files, tmp_path, field)
 
 
 def test_missing_view_and_view_given_twice(session: Session, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.png: no such file"):
-        command(session, [*session.files[:2], str(tmp_path / "none.png")], tmp_path)
+        command(session, [*session.files[:2], tmp_path / "none.png"], tmp_path)
     with pytest.raises(InputError, match="has the same name"):
         command(session, [*session.files, session.files[1]], tmp_path)
 

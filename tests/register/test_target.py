@@ -10,7 +10,7 @@ import pytest
 import yaml
 from register_session import Session
 
-from kinran.files import InputError
+from kinran.base.files import InputError
 from kinran.register import target
 
 

@@ -6,7 +6,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from kinran.mesh import write_mesh
+from kinran.scene.mesh import write_mesh
 from kinran_bsdf import Material, write_material
 
 

@@ -4,10 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from kinran.exr import write_exr
-from kinran.frames import direction
-from kinran.labels import Region, write_regions
-from kinran.stack import Light, write_metadata
+from kinran.base.exr import write_exr
+from kinran.base.frames import direction
+from kinran.data.fabric import Fabric
+from kinran.data.labels import Region, write_regions
+from kinran.data.radiance_stack import Light, Metadata, write_metadata
 
 ORTHOGRAPHIC = """<sensor type="orthographic">
         <transform name="to_world">
@@ -59,7 +60,7 @@ def write_scene(path: Path, camera: str = ORTHOGRAPHIC, lights: str = "") -> Pat
     return path
 
 
-def write_fabric(folder: Path, labels: np.ndarray, texel_mm: float | None, theta_max: float = 80.0) -> dict[str, Path]:
+def write_fabric(folder: Path, labels: np.ndarray, texel_mm: float | None, theta_max: float = 80.0) -> Fabric:
     """Write label map, regions and a stack whose steepest light to fit is at `theta_max` (degrees)."""
     count = int(labels.max()) + 1
     write_exr(folder / "labels.exr", {"label": labels.astype(np.float32)})
@@ -69,6 +70,6 @@ def write_fabric(folder: Path, labels: np.ndarray, texel_mm: float | None, theta
     for name, theta, held_out in (("steep", theta_max, False), ("steeper", min(theta_max + 5, 89.0), True)):
         x, y, z = direction(np.radians(theta), 0.3).tolist()
         lights.append(Light(name, (x, y, z), held_out=held_out))
-    stack = folder / "radiance.zarr"
-    write_metadata(stack, lights, *labels.shape, texel_mm, "", "", "rgb", np.eye(3), {})
-    return {"labels": folder / "labels.exr", "regions": folder / "regions.json", "stack": stack}
+    metadata = Metadata(tuple(lights), *labels.shape, texel_mm, "", "", "rgb", np.eye(3), {})
+    write_metadata(folder / "radiance.zarr", metadata)
+    return Fabric(folder)

@@ -8,9 +8,9 @@ import pytest
 from needy_fabrics import METER, ORTHOGRAPHIC, POINT, perspective, write_fabric, write_scene
 from scene_fabrics import TEMPLATE
 
-from kinran.files import InputError
-from kinran.need import axes, need, spread
-from kinran.needed import needed_labels
+from kinran.base.files import InputError
+from kinran.data.needed_regions import needed_labels
+from kinran.scene.need import axes, need, spread
 
 HALVES = np.zeros((40, 60), np.intp)
 HALVES[:, 45:] = 1  # a quarter of the weft, all along the warp
@@ -29,7 +29,7 @@ def needs(tmp_path: Path, flat_mesh: Path) -> Needs:
         **scene: str,
     ) -> dict[str, Any]:
         fabric = write_fabric(tmp_path, labels, texel_mm, theta_max)
-        return need(write_scene(tmp_path / "template.xml", **scene), flat_mesh, **fabric, rays=4096)
+        return need(write_scene(tmp_path / "template.xml", **scene), flat_mesh, fabric, rays=4096)
 
     return ask
 
@@ -177,7 +177,7 @@ def test_the_back_of_the_cloth_has_no_half_vectors(needs: Needs) -> None:
 def test_the_shipped_scene_can_be_asked(tmp_path: Path, flat_mesh: Path) -> None:
     """Under the weave of the demo: nearly two texels a pixel, so the finest are needed; a key light with a place."""
     fabric = write_fabric(tmp_path, np.zeros((80, 80), np.intp), 0.06)
-    result = need(TEMPLATE, flat_mesh, **fabric, rays=1024)
+    result = need(TEMPLATE, flat_mesh, fabric, rays=1024)
     assert result["footprint"]["coarsest_factor"] == 1
     assert 1.5 < result["footprint"]["narrow"]["median"] < 2.5
     assert [row["id"] for row in result["half_vector"]["emitters"]] == ["key_light", "fill_light"]
@@ -189,35 +189,36 @@ def test_the_shipped_scene_can_be_asked(tmp_path: Path, flat_mesh: Path) -> None
     [
         ({"template": "none.xml"}, "none.xml: no such file"),
         ({"mesh": "none.ply"}, "none.ply: no such file"),
-        ({"labels": "none.exr"}, "none.exr: no such file"),
-        ({"regions": "none.json"}, "none.json: no such file"),
-        ({"stack": "none.zarr"}, "none.zarr: is no radiance stack"),
+        ({"gone": "labels.exr"}, "labels.exr: no such file"),
+        ({"gone": "regions.json"}, "regions.json: no such file"),
+        ({"gone": "radiance.zarr/zarr.json"}, "radiance.zarr: is no radiance stack"),
         ({"text": ("<scene", "<scen")}, "is no XML"),
         ({"text": ('type="kinran"', 'type="diffuse"')}, 'has no <bsdf type="kinran">'),
         ({"text": ('type="ply"', 'type="plyy"')}, "Mitsuba cannot load it"),
         ({"text": ('target="0, 0, 0"', 'target="0, 0, 200"')}, "its camera does not see the cloth"),
         ({"text": (ORTHOGRAPHIC, METER)}, "use a perspective camera"),
-        ({"other": True}, "its size is not that of"),
+        ({"other": True}, "its 60 × 40 texels are not the 40 × 60 of the stack"),
         ({"fewer": True}, "has no region 1"),
     ],
 )
 def test_what_cannot_be_used_is_one_sentence(
     tmp_path: Path, flat_mesh: Path, change: dict[str, Any], says: str
 ) -> None:
-    template = write_scene(tmp_path / "template.xml")
-    files = {"template": template, "mesh": flat_mesh, **write_fabric(tmp_path, HALVES, 0.5)}
+    template, mesh = write_scene(tmp_path / "template.xml"), flat_mesh
+    fabric = write_fabric(tmp_path, HALVES, 0.5)
     if "text" in change:
         assert change["text"][0] in template.read_text()
         template.write_text(template.read_text().replace(*change["text"]))
+    elif "gone" in change:
+        (tmp_path / change["gone"]).unlink()
     elif "other" in change:
         (tmp_path / "other").mkdir()
-        files["labels"] = write_fabric(tmp_path / "other", HALVES.T, 0.5)["labels"]
+        write_fabric(tmp_path / "other", HALVES.T, 0.5).labels_path.replace(fabric.labels_path)
     elif "fewer" in change:
-        files["regions"].write_text(json.dumps(json.loads(files["regions"].read_text())[:1]))
-    else:
-        files |= {key: tmp_path / name for key, name in change.items()}
+        fabric.regions_path.write_text(json.dumps(json.loads(fabric.regions_path.read_text())[:1]))
+    template, mesh = tmp_path / change.get("template", template), tmp_path / change.get("mesh", mesh)
     with pytest.raises(InputError, match=r"^[^\n]+$") as error:
-        need(**files, rays=64)
+        need(template, mesh, fabric, rays=64)
     assert says in str(error.value)
 
 
@@ -225,9 +226,12 @@ def test_what_cannot_be_used_is_one_sentence(
     ("text", "says"),
     [
         ("{", "is not valid JSON"),
-        ("[]", "names no regions"),
-        ('{"regions": [{"label": 0}]}', "names no regions"),
-        ('{"regions": [{"label": 0, "needed": true}]}', "says nothing of the label 1"),
+        ("[]", "is not what a scene needs"),
+        ('{"regions": [{"label": 0}]}', r"regions\[0\]: Object missing required field `needed`"),
+        (
+            '{"regions": [{"label": 0, "needed": true}], "footprint": {"coarsest_factor": 1}}',
+            "says nothing of the label 1",
+        ),
     ],
 )
 def test_an_answer_that_is_not_this_fabrics(tmp_path: Path, text: str, says: str) -> None:

@@ -8,12 +8,12 @@ import pytest
 from scene_fabrics import TEMPLATE, F
 from scipy.spatial import cKDTree
 
-from kinran.exr import read_exr
-from kinran.files import InputError
-from kinran.mesh import prepare
-from kinran.placement import placement
-from kinran.scan import scan, write_scan
-from kinran.scene import assemble
+from kinran.base.exr import read_exr
+from kinran.base.files import InputError
+from kinran.scene.mesh import prepare
+from kinran.scene.placement import placement
+from kinran.scene.scene import assemble
+from kinran.virtual.scan import scan, write_scan
 
 FRONTAL = """<scene version="3.9.1">
     <default name="mesh" value=""/> <default name="material" value=""/> <default name="wrap" value=""/>

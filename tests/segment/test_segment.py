@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from clusters_in_colour import agreement, expectation_maximisation
 
-from kinran.files import InputError
-from kinran.frames import direction
-from kinran.segment import Seed, colour_name, describe, mahalanobis, parse_seeds, segment
+from kinran.base.files import InputError
+from kinran.base.frames import direction
+from kinran.data.radiance import Radiance
+from kinran.data.radiance_stack import Light, Metadata, Stack, write_metadata, write_shards
+from kinran.segment import mahalanobis
 from kinran.segment.appearance import Appearance, over_lights
-from kinran.stack import Light, Stack, write_metadata, write_shards
+from kinran.segment.segment import Seed, colour_name, describe, parse_seeds, segment
 from kinran.virtual.weave import VirtualFabric
 
 COLOURS = {"gold": (0.5, 0.4, 0.15), "red": (0.4, 0.03, 0.03), "blue": (0.04, 0.05, 0.3)}
@@ -102,14 +104,14 @@ def test_too_few_texels_at_all() -> None:
 
 
 def test_held_out_lights_are_not_seen(tmp_path) -> None:
-    lights = [Light(f"l{k}", tuple(direction(0.1 * k, k)), held_out=k == 3) for k in range(8)]
+    lights = tuple(Light(f"l{k}", tuple(direction(0.1 * k, k)), held_out=k == 3) for k in range(8))
     stacks = []
     for value in (0.1, 9.0):
         radiance = np.random.default_rng(0).uniform(0.1, 0.5, (8, 8, 8, 3)).astype(np.float32)
         radiance[3] = value
         path = tmp_path / f"{value}.zarr"
-        write_shards(path, 0, radiance, np.zeros(radiance.shape, np.uint8))
-        write_metadata(path, lights, 8, 8, None, "", "", "camera", np.eye(3), {})
+        write_shards(path, 0, Radiance.unflagged(radiance))
+        write_metadata(path, Metadata(lights, 8, 8, None, "", "", "camera", np.eye(3), {}))
         stacks.append(over_lights(Stack.open(path)))
     np.testing.assert_array_equal(stacks[0].median, stacks[1].median)
     np.testing.assert_array_equal(stacks[0].peak, stacks[1].peak)

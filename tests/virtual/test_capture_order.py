@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from kinran.__main__ import main
-from kinran.plan import plan_grid
-from kinran.plans import Plan, write_plan
-from kinran.rig.ledger import mdeg
-from kinran.virtual.camera import CACHE
+from kinran.base.distances import Distances
+from kinran.capture.grid import plan_grid
+from kinran.data.capture_plan import Plan, write_plan
+from kinran.rig.motion import mdeg
+from kinran.virtual.simulated_camera import CACHE
 from kinran.virtual.weave import VirtualFabric
 
 SCENE = {"texels": 16, "seed": 5}
@@ -21,7 +22,7 @@ SCENE = {"texels": 16, "seed": 5}
 def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Plan:
     """Two groups of eight lights, each with repeats of θ = 0; what the path tracer would say is there already."""
     monkeypatch.chdir(tmp_path)
-    plan = plan_grid("swatch", (0, 30), 16, (1 / 25, 1 / 1000), 8, lamp_mm=600.0, field_mm=4.8)
+    plan = plan_grid("swatch", (0, 30), 16, (1 / 25, 1 / 1000), 8, Distances(lamp_mm=600.0, field_mm=4.8))
     fabric = VirtualFabric(**SCENE)
     for shot in (shot for group in plan.groups for shot in group.shots):
         theta, phi = mdeg(shot.theta), mdeg(shot.phi) if shot.theta else 0
@@ -53,6 +54,19 @@ def test_the_order_of_the_groups_changes_no_frame(plan: Plan) -> None:
     there = capture(plan, "there", first, second)
     assert capture(plan, "back", second, first) == there
     assert len(set(there.values())) == len(there)  # repeats of one direction are no copies of each other
+
+
+def test_another_code_of_the_rig_is_shot_anew(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every frame of the group, once; the old ones stay."""
+    group = next(group for group in plan.groups if group.lights)
+    before = capture(plan, "code", group.name)
+    assert capture(plan, "code", group.name) == before
+    monkeypatch.setattr("kinran.capture.capture.digest", lambda module: "other")
+    after = capture(plan, "code", group.name)
+    assert not set(before.values()) & set(after.values())
+    assert capture(plan, "code", group.name) == after
+    kept = {hashlib.sha256(path.read_bytes()).hexdigest() for path in Path("code/superseded").rglob("*.dng")}
+    assert kept == set(before.values())
 
 
 def test_a_frame_that_is_shot_again_has_noise_of_its_own(plan: Plan) -> None:

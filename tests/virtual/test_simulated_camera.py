@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kinran.files import InputError
-from kinran.radiance.raw import read_raw
+from kinran.base.files import InputError
+from kinran.data.raw import read_raw
 from kinran.rig.camera import CameraError
-from kinran.virtual.camera import SimulatedCamera
 from kinran.virtual.dng import write_dng
 from kinran.virtual.sensor import BORDER, CROSSTALK, Sensor, shutter
+from kinran.virtual.simulated_camera import SimulatedCamera
 from kinran.virtual.weave import VirtualFabric
 
 SCENE = {"texels": 16, "seed": 5}

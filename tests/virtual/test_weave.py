@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kinran.frames import direction
-from kinran.virtual import plate, yarn
+from kinran.base.frames import direction
+from kinran.virtual import targets, yarn
 from kinran.virtual.weave import VirtualFabric, load_scene
 
 N = (0.0, 0.0, 1.0)
@@ -33,7 +33,7 @@ def test_the_unit_is_a_white_diffuser_that_faces_the_lamp(monkeypatch: pytest.Mo
     fabric.__dict__["_scene"] = load_scene(fabric, [flat(22.0, 0, z=0.0)])
     for theta, phi in ((0, 0), (40, 0), (40, 90), (75, 200)):
         light = direction(np.radians(theta), np.radians(phi))
-        expected = plate.white(light, 40.0, 8, 200.0)
+        expected = targets.white(light, 40.0, 8, 200.0)
         np.testing.assert_allclose(fabric.trace(light), expected, rtol=0.005)
 
 
@@ -100,7 +100,7 @@ def test_azimuth_means_nothing_at_the_pole(fabric: VirtualFabric, tmp_path: Path
 
 
 def test_the_chart_is_upright() -> None:
-    image = plate.chart(N, 4.8, 48, 600.0)
+    image = targets.chart(N, 4.8, 48, 600.0)
     top_left, bottom_left = image[-6, 4], image[6, 4]
-    np.testing.assert_allclose(top_left, plate.CHART[0], rtol=1e-3)  # dark skin
-    np.testing.assert_allclose(bottom_left, plate.CHART[18], rtol=1e-3)  # white
+    np.testing.assert_allclose(top_left, targets.CHART[0], rtol=1e-3)  # dark skin
+    np.testing.assert_allclose(bottom_left, targets.CHART[18], rtol=1e-3)  # white

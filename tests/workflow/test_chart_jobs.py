@@ -13,7 +13,7 @@ def planned(project: Project, *options: str) -> dict[str, int]:
 
 
 def test_a_job_for_each_kind_of_method(project: Project) -> None:
-    kinds = list(Path(ROOT / "workflow" / "kinran" / "chart" / "methods").glob("[a-z]*.py"))
+    kinds = list(Path(ROOT / "workflow" / "kinran" / "compare" / "methods").glob("[a-z]*.py"))
     jobs = planned(project, "chart")
     assert jobs["chart_kind"] == len(kinds)
     assert (jobs["chart_default"], jobs["chart_regions"], jobs["chart_fabric"], jobs["charts"]) == (1, 1, 1, 1)
@@ -29,5 +29,5 @@ def test_one_table_that_is_gone_is_one_job(project: Project) -> None:
     project.run("results/tiny/chart/linear.csv")
     assert "Nothing to be done" in project.run("--dry-run", "results/tiny/chart/linear.csv")
     jobs = planned(project, "results/tiny/chart.csv")
-    kinds = list(Path(ROOT / "workflow" / "kinran" / "chart" / "methods").glob("[a-z]*.py"))
+    kinds = list(Path(ROOT / "workflow" / "kinran" / "compare" / "methods").glob("[a-z]*.py"))
     assert jobs["chart_kind"] == len(kinds) - 1

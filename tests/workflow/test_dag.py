@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from conftest import Project
 
-from kinran.exr import read_exr
+from kinran.base.exr import read_exr
 from kinran_bsdf import read_material
 
 

@@ -1,6 +1,7 @@
 """A folder of photographs, from `kinran rti` to `kinran relight`, as a user runs it."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,11 +11,11 @@ import pytest
 from conftest import ROOT, small_template
 from PIL import Image
 
-from kinran import frames
-from kinran.encoding import parse
-from kinran.exr import read_exr
-from kinran.lights import Light, write_lp
-from kinran.rti import prepare
+from kinran.base import frames
+from kinran.base.encoding import parse
+from kinran.base.exr import read_exr
+from kinran.data.lights import LpLight, write_lp
+from kinran.run.rti import Inputs, Options, prepare
 
 SIDE, LIGHTS = 28, 24
 
@@ -27,7 +28,7 @@ def run(*arguments: str) -> str:
 
 def pipeline(folder: Path, out: Path, crop: str, holdout: int, *options: str) -> str:
     """What `kinran rti` does, with a picture small enough for a test."""
-    work = prepare(folder, out, "srgb", crop, holdout)
+    work = prepare(Inputs(folder), out, Options(crop=crop, holdout=holdout))
     (work / "small.xml").write_text(small_template())
     config = (work / "config.yaml").read_text()
     (work / "config.yaml").write_text(config.replace(str(ROOT / "scenes" / "drape.xml"), "small.xml"))
@@ -54,7 +55,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder.mkdir()
     k = np.arange(LIGHTS) + 0.5
     directions = frames.direction(np.arccos(1 - 0.6 * k / LIGHTS), k * np.pi * (3 - 5**0.5))
-    lights = [Light(f"IMG {i:02d}", tuple(d), f"IMG {i:02d}.png") for i, d in enumerate(directions)]
+    lights = [LpLight(f"IMG {i:02d}", tuple(d), f"IMG {i:02d}.png") for i, d in enumerate(directions)]
     for light in lights:
         Image.fromarray(bowl(np.array(light.direction))).save(folder / light.file)
     write_lp(folder / "lights.lp", lights)
@@ -92,6 +93,24 @@ def test_relight_is_upright_and_says_what_the_evaluation_says(out: Path, tmp_pat
     truth = parse("srgb").decode(np.asarray(Image.open(folder / "IMG 04.png")) / 255)
     assert np.abs(image - truth).mean() < 0.03
     assert np.abs(image[::-1] - truth).mean() > 2 * np.abs(image - truth).mean()
+
+
+def test_the_page_of_python_makes_the_same_material(
+    out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The program of docs/python.md, word for word: the maps of the workflow's one GGX lobe, and their errors."""
+    (program,) = re.findall(
+        r"^```python\n(.*?)^```", (ROOT / "docs" / "python.md").read_text(), re.MULTILINE | re.DOTALL
+    )
+    monkeypatch.chdir(tmp_path)
+    Path("photographs").symlink_to(photographs(out), target_is_directory=True)
+    exec(compile(program, "docs/python.md", "exec"), {})
+    assert (tmp_path / "out" / "slope.exr").read_bytes() == (out / "fit" / "slope.exr").read_bytes()
+    said, same = (json.loads((folder / "evaluation.json").read_text()) for folder in (tmp_path / "out", out))
+    errors, expected = (each["methods"]["slope"] for each in (said, same))
+    assert all(errors[key] == expected[key] for key in ("relative_error", "psnr", "regions", "lights"))
+    assert len(list((tmp_path / "out" / "relit").glob("*.exr"))) == LIGHTS
+    assert capsys.readouterr().out == f"{LIGHTS} pictures in out/relit\n"
 
 
 def test_again_does_nothing_and_another_crop_starts_over(out: Path) -> None:

@@ -18,7 +18,7 @@ rule plan:
             if "camera_mm" in config["rig"]
             else ""
         ),
-        code=digest("kinran.plan"),
+        code=digest("kinran.capture.plan"),
     shell:
         "python -m kinran plan --fabric {wildcards.fabric} --thetas {params.thetas} --phis {params.phis}"
         " --exposures {params.exposures} --meridians {params.meridians} --lamp-mm {params.lamp}"
@@ -44,6 +44,12 @@ rule capture:
         device=config["rig"]["device"],
         virtual=virtual_rig,
         revisions=revisions,
+        # code that decides the virtual rig's frames; a camera's do not depend on code
+        code=(
+            digest("kinran.virtual.devices")
+            if config["rig"]["device"] == "virtual"
+            else ""
+        ),
     shell:
         "python -m kinran capture --plan {input:q} --group {wildcards.group} --device {params.device}"
         " --virtual {params.virtual:q} --revisions {params.revisions:q} {output:q} 2>&1 | tee {log}"

@@ -21,20 +21,20 @@ rule chart_kind:
         "logs/{fabric}/chart/{kind}.log",
     benchmark:
         "results/{fabric}/benchmarks/chart.{kind}.tsv"
-    # one at a time, so that no other job spoils the times
+    # one at a time, so that no other job disturbs the timings
     threads: workflow.cores
     resources:
         mem_mb=3000,
     params:
-        stack=fitted_stack,
+        fabric=fitted_fabric,
         code=lambda wildcards: [
-            digest(f"kinran.chart.methods.{wildcards.kind}"),
-            digest("kinran.chart.experiments"),
+            digest(f"kinran.compare.methods.{wildcards.kind}"),
+            digest("kinran.compare.experiments"),
         ],
     shell:
         "export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1;"
-        " python -m kinran chart {output:q} --fabric {wildcards.fabric} --stack {params.stack:q}"
-        " --labels {input.labels:q} --regions {input.regions:q} --kind {wildcards.kind} 2>&1 | tee {log}"
+        " python -m kinran chart {output:q} --fabric {params.fabric:q} --name {wildcards.fabric}"
+        " --kind {wildcards.kind} 2>&1 | tee {log}"
 
 
 rule chart_default:
@@ -54,13 +54,12 @@ rule chart_default:
     resources:
         mem_mb=3000,
     params:
-        stack=fitted_stack,
-        code=digest("kinran.chart.default"),
+        fabric=fitted_fabric,
+        code=digest("kinran.compare.default"),
     shell:
         "export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1;"
-        " python -m kinran chart {output:q} --fabric {wildcards.fabric} --stack {params.stack:q}"
-        " --labels {input.labels:q} --regions {input.regions:q} --kind default --material {input.material:q}"
-        " --summary {input.summary:q} 2>&1 | tee {log}"
+        " python -m kinran chart {output:q} --fabric {params.fabric:q} --name {wildcards.fabric}"
+        " --kind default --material {input.material:q} --summary {input.summary:q} 2>&1 | tee {log}"
 
 
 rule chart_regions:
@@ -72,12 +71,12 @@ rule chart_regions:
     log:
         "logs/{fabric}/chart/regions.log",
     params:
-        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        fabric=lambda wildcards: f"results/{wildcards.fabric}",
         scene=virtual_rig,
-        code=digest("kinran.chart.regions"),
+        code=digest("kinran.compare.chart_regions"),
     shell:
-        "python -m kinran chart-regions {output:q} --fabric {wildcards.fabric} --stack {params.stack:q}"
-        " --labels {input.labels:q} --scene {params.scene:q} 2>&1 | tee {log}"
+        "python -m kinran chart-regions {output:q} --fabric {params.fabric:q} --name {wildcards.fabric}"
+        " --scene {params.scene:q} 2>&1 | tee {log}"
 
 
 rule chart_fabric:
@@ -90,7 +89,7 @@ rule chart_fabric:
     log:
         "logs/{fabric}/chart.log",
     params:
-        code=digest("kinran.chart.table"),
+        code=digest("kinran.compare.chart_table"),
     shell:
         "python -m kinran chart-table {output.table:q} --tables {input:q}"
         " --pictures {output.svg:q} {output.png:q} 2>&1 | tee {log}"
@@ -102,7 +101,7 @@ rule stability:
     log:
         "logs/stability.log",
     params:
-        code=digest("kinran.bench.stability"),
+        code=digest("benchmarks.stability"),
     shell:
         "python -m kinran bench stability --out {output:q} 2>&1 | tee {log}"
 
@@ -116,6 +115,6 @@ rule charts:
     log:
         "logs/charts.log",
     params:
-        code=digest("kinran.chart.page"),
+        code=digest("kinran.compare.chart_page"),
     shell:
-        "python -m kinran charts {output:q} --charts {input.charts:q} --stability {input.stability:q} 2>&1 | tee {log}"
+        "python -m kinran chart-page {output:q} --charts {input.charts:q} --stability {input.stability:q} 2>&1 | tee {log}"

@@ -2,9 +2,9 @@ import json
 import sys
 from pathlib import Path
 
-from kinran.code import PACKAGES, digest
-from kinran.config import lobes_of, read_fabrics, read_revisions
-from kinran.files import InputError
+from kinran.base.digest import PACKAGES, digest
+from kinran.run.config import lobes_of, read_fabrics, read_revisions
+from kinran.base.files import InputError
 from snakemake.exceptions import WorkflowError
 
 # jobs use the interpreter that runs Snakemake, with or without an activated environment
@@ -28,46 +28,46 @@ fitted = (
     else "results/{fabric}"
 )
 # a job of the chart for each kind of method: a new file is a new job, and no other runs again
-kinds = sorted(p.stem for p in PACKAGES["kinran"].glob("chart/methods/[a-z]*.py"))
+kinds = sorted(p.stem for p in PACKAGES["kinran"].glob("compare/methods/[a-z]*.py"))
 
 
 wildcard_constraints:
     fabric="[a-z0-9][a-z0-9_-]*",
     group="[0-9]+|calibration",
-    model="slope|takeda2008|lambert",
+    model="|".join(models),
     job="[0-9]+",
 
 
 def any_of(names):
-    """Pattern of these names, and of nothing where there are none."""
+    """Return a pattern of these names; one that matches nothing where there are none."""
     return "|".join(names) or "(?!)"
 
 
 def manifests(wildcards):
-    """Manifests of all groups of a fabric."""
+    """Return the manifests of all groups of a fabric."""
     groups = fabrics[wildcards.fabric].all_groups
     return [f"captures/{wildcards.fabric}/groups/{group}.json" for group in groups]
 
 
 def calibration_manifest(wildcards):
-    """Manifest that the calibration is made from: dark, white and chart of the rig, the first photographs of a set."""
+    """Return the manifest for the calibration: dark, white and chart of the rig, the first photographs of a set."""
     group = "calibration" if wildcards.fabric in rig_fabrics else "00"
     return f"captures/{wildcards.fabric}/groups/{group}.json"
 
 
 def receipts(wildcards):
-    """Receipts of all merged groups of a fabric."""
+    """Return the receipts of all merged groups of a fabric."""
     groups = fabrics[wildcards.fabric].light_groups
     return [f"results/{wildcards.fabric}/merged/{group}.json" for group in groups]
 
 
 def revisions(wildcards):
-    """Shots of a group to take again, as JSON."""
+    """Return the revisions of a group's shots that are to be taken again, as JSON."""
     return revisions_of(wildcards.fabric, wildcards.group)
 
 
 def virtual_rig(wildcards):
-    """What the virtual camera looks at, as JSON; the same text for the same settings."""
+    """Return the settings of the virtual fabric as JSON; the same settings give the same text."""
     lengths = {
         name: config["rig"][name]
         for name in ("field_mm", "lamp_mm", "camera_mm")
@@ -78,7 +78,7 @@ def virtual_rig(wildcards):
 
 
 def methods(wildcards):
-    """Methods of a fabric that are judged; the first one makes its material."""
+    """Return the methods that are judged on a fabric; the first one makes its material."""
     photographs = wildcards.fabric in set_fabrics
     with_residual = config["fit"]["residual"] == "all" or (
         config["fit"]["residual"] == "photographs" and photographs
@@ -90,19 +90,19 @@ def methods(wildcards):
     )
 
 
-def fitted_stack(wildcards):
-    """Folder of the stack that is fitted; a job reads its shards, of which the rules name none."""
-    return f"{fitted.format(fabric=wildcards.fabric)}/radiance.zarr"
+def fitted_fabric(wildcards):
+    """Return the folder of the fabric that is fitted; jobs read the shards of its stack, which no rule names."""
+    return fitted.format(fabric=wildcards.fabric)
 
 
 def need_of(wildcards):
-    """What the scene needs of a fabric, where the fit asks for it; else nothing of the fit depends on the scene."""
+    """Return the file of the scene's need where the fit uses it; else the fit does not depend on the scene."""
     asked = config["fit"]["regions"] == "needed"
     return f"results/{wildcards.fabric}/need.json" if asked else []
 
 
 def lobes_option(wildcards):
-    """Lobes of the slope model; the other models know none of it."""
+    """Return the options for the lobes of the slope model; empty for the other models."""
     if getattr(wildcards, "model", "slope") != "slope":
         return ""
     if choice := choice_of(wildcards):
@@ -112,14 +112,14 @@ def lobes_option(wildcards):
 
 
 def choice_of(wildcards):
-    """What was chosen for the slope model of a fabric, where the config leaves that open."""
+    """Return the file of the choice of lobes for the slope model, where the config leaves them open."""
     slope = getattr(wildcards, "model", "slope") == "slope"
     asked = slope and lobes_of(config, fabrics[wildcards.fabric]) is None
     return f"results/{wildcards.fabric}/fit/choice.json" if asked else []
 
 
 def fitted_option(wildcards):
-    """Which regions get a lobe: all, only the shiniest, which has the label 0, or those that the scene shows."""
+    """Return the option for the regions that get a lobe: all, the shiniest (label 0), or those the scene shows."""
     regions = config["fit"]["regions"]
     if regions == "needed":
         return f"--need {need_of(wildcards)}"
@@ -127,7 +127,7 @@ def fitted_option(wildcards):
 
 
 def chart_tables(wildcards):
-    """Tables of all methods and, where the truth is known, of the regions."""
+    """Return the tables of all methods and, where the true regions are known, of the regions."""
     parts = ["default", *kinds]
     if wildcards.fabric in rig_fabrics and config["rig"]["device"] == "virtual":
         parts.append("regions")

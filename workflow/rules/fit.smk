@@ -10,12 +10,11 @@ rule segment:
     benchmark:
         "results/{fabric}/benchmarks/segment.tsv"
     params:
-        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        folder=subpath(output.labels, parent=True),
         regions=lambda wildcards: fabrics[wildcards.fabric].region_option,
-        code=digest("kinran.segment"),
+        code=digest("kinran.segment.segment"),
     shell:
-        "python -m kinran segment {output.labels:q} --stack {params.stack:q} {params.regions} --regions {output.regions:q}"
-        " --statistics {output.statistics:q} 2>&1 | tee {log}"
+        "python -m kinran segment --fabric {params.folder:q} {params.regions} 2>&1 | tee {log}"
 
 
 rule coarsen:
@@ -33,13 +32,11 @@ rule coarsen:
     benchmark:
         "results/{fabric}/benchmarks/coarsen.tsv"
     params:
-        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
-        coarse=subpath(output.stack, parent=True),
-        code=digest("kinran.coarsen"),
+        folder=subpath(input.labels, parent=True),
+        coarse=subpath(output.labels, parent=True),
+        code=digest("kinran.radiance.coarsen"),
     shell:
-        "python -m kinran coarsen {params.coarse:q} --stack {params.stack:q} --labels {input.labels:q}"
-        " --regions {input.regions:q} --need {input.need:q} --coarse-labels {output.labels:q}"
-        " --coarse-regions {output.regions:q} 2>&1 | tee {log}"
+        "python -m kinran coarsen {params.coarse:q} --fabric {params.folder:q} --need {input.need:q} 2>&1 | tee {log}"
 
 
 rule choice:
@@ -56,11 +53,11 @@ rule choice:
         "results/{fabric}/benchmarks/choice.tsv"
     threads: workflow.cores
     params:
-        stack=fitted_stack,
+        fabric=fitted_fabric,
         code=digest("kinran.fit.choice"),
     shell:
-        "python -m kinran choice {output.choice:q} --stack {params.stack:q} --labels {input.labels:q}"
-        " --regions {input.regions:q} --picture {output.picture:q} --threads {threads} 2>&1 | tee {log}"
+        "python -m kinran choice {output.choice:q} --fabric {params.fabric:q}"
+        " --picture {output.picture:q} --threads {threads} 2>&1 | tee {log}"
 
 
 rule prior:
@@ -77,12 +74,12 @@ rule prior:
         "results/{fabric}/benchmarks/prior.tsv"
     threads: workflow.cores
     params:
-        stack=fitted_stack,
+        fabric=fitted_fabric,
         lobes=lobes_option,
         code=digest("kinran.fit.prior"),
     shell:
-        "python -m kinran prior {output:q} --stack {params.stack:q} --labels {input.labels:q}"
-        " --regions {input.regions:q} {params.lobes} --threads {threads} 2>&1 | tee {log}"
+        "python -m kinran prior {output:q} --fabric {params.fabric:q}"
+        " {params.lobes} --threads {threads} 2>&1 | tee {log}"
 
 
 rule fit:
@@ -106,16 +103,16 @@ rule fit:
         mem_mb=1500,
         runtime=60,
     params:
-        stack=fitted_stack,
+        fabric=fitted_fabric,
         prior=lambda wildcards, input: (
             f"--prior {input.prior}" if input.get("prior") else ""
         ),
         fitted=fitted_option,
         lobes=lobes_option,
         jobs=config["fit"]["jobs"],
-        code=digest("kinran.fit.tile"),
+        code=digest("kinran.fit.fit"),
     shell:
-        "python -m kinran fit {output:q} --stack {params.stack:q} --labels {input.labels:q} --model {wildcards.model}"
+        "python -m kinran fit {output:q} --fabric {params.fabric:q} --model {wildcards.model}"
         " {params.prior} {params.fitted} {params.lobes} --tile {wildcards.job}/{params.jobs} --threads {threads}"
         " 2>&1 | tee {log}"
 
@@ -134,13 +131,13 @@ rule material:
     log:
         "logs/{fabric}/material/{model}.log",
     params:
-        stack=fitted_stack,
+        fabric=fitted_fabric,
         fitted=fitted_option,
         lobes=lobes_option,
-        code=digest("kinran.fit.join"),
+        code=digest("kinran.fit.material"),
     shell:
-        "python -m kinran material {output.material:q} --stack {params.stack:q} --labels {input.labels:q}"
-        " --regions {input.regions:q} --model {wildcards.model} {params.lobes} {params.fitted} --runs {input.runs:q}"
+        "python -m kinran material {output.material:q} --fabric {params.fabric:q}"
+        " --model {wildcards.model} {params.lobes} {params.fitted} --runs {input.runs:q}"
         " --summary {output.summary:q} 2>&1 | tee {log}"
 
 
@@ -163,10 +160,10 @@ rule residual:
         mem_mb=2000,
         runtime=60,
     params:
-        stack=fitted_stack,
+        fabric=fitted_fabric,
         code=digest("kinran.fit.residual"),
     shell:
-        "python -m kinran residual {output.material:q} --stack {params.stack:q} --labels {input.labels:q}"
+        "python -m kinran residual {output.material:q} --fabric {params.fabric:q}"
         " --prior {input.prior:q} --material {input.material:q} --fitted {input.summary:q}"
         " --summary {output.summary:q} --threads {threads} 2>&1 | tee {log}"
 
@@ -191,11 +188,11 @@ rule sigma:
         mem_mb=1500,
         runtime=60,
     params:
-        stack=fitted_stack,
+        fabric=fitted_fabric,
         code=digest("kinran.fit.sigma"),
     shell:
-        "python -m kinran sigma {output.maps:q} --stack {params.stack:q} --labels {input.labels:q}"
-        " --regions {input.regions:q} --prior {input.prior:q} --material {input.material:q}"
+        "python -m kinran sigma {output.maps:q} --fabric {params.fabric:q}"
+        " --prior {input.prior:q} --material {input.material:q}"
         " --summary {output.summary:q} --picture {output.picture:q} --threads {threads} 2>&1 | tee {log}"
 
 
@@ -234,9 +231,9 @@ rule evaluate:
     benchmark:
         "results/{fabric}/benchmarks/evaluate.tsv"
     params:
-        stack=fitted_stack,
-        code=digest("kinran.evaluate"),
+        fabric=fitted_fabric,
+        code=digest("kinran.judge.evaluate"),
     shell:
-        "python -m kinran evaluate {output.errors:q} --fabric {wildcards.fabric} --stack {params.stack:q}"
-        " --labels {input.labels:q} --regions {input.regions:q} --materials {input.materials:q}"
+        "python -m kinran evaluate {output.errors:q} --name {wildcards.fabric} --fabric {params.fabric:q}"
+        " --materials {input.materials:q}"
         " --picture {output.picture:q} 2>&1 | tee {log}"

@@ -11,7 +11,7 @@ rule ingest:
         crop=lambda wildcards: fabrics[wildcards.fabric].crop,
         holdout=config["holdout"],
         distances=lambda wildcards: fabrics[wildcards.fabric].distance_options,
-        code=digest("kinran.ingest"),
+        code=digest("kinran.capture.ingest"),
     shell:
         "python -m kinran ingest --folder {params.folder:q} --fabric {wildcards.fabric}"
         " --encoding {params.encoding:q} --crop={params.crop:q} --holdout {params.holdout}"
@@ -29,7 +29,7 @@ rule ingest_group:
         fabric=any_of(set_fabrics),
     params:
         folder=lambda wildcards: fabrics[wildcards.fabric].folder,
-        code=digest("kinran.ingest"),
+        code=digest("kinran.capture.ingest_group"),
     shell:
-        "python -m kinran ingest --folder {params.folder:q} --plan {input:q} --group {wildcards.group}"
+        "python -m kinran ingest-group --folder {params.folder:q} --plan {input:q} --group {wildcards.group}"
         " {output:q} 2>&1 | tee {log}"

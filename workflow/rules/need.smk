@@ -12,8 +12,8 @@ rule need:
     benchmark:
         "results/{fabric}/benchmarks/need.tsv"
     params:
-        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
-        code=digest("kinran.need"),
+        folder=subpath(input.labels, parent=True),
+        code=digest("kinran.scene.need"),
     shell:
         "python -m kinran need {output:q} --template {input.template:q} --mesh {input.mesh:q}"
-        " --labels {input.labels:q} --regions {input.regions:q} --stack {params.stack:q} 2>&1 | tee {log}"
+        " --fabric {params.folder:q} 2>&1 | tee {log}"

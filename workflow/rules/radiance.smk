@@ -12,7 +12,7 @@ rule calibrate:
         "results/{fabric}/benchmarks/calibrate.tsv"
     params:
         chart=lambda wildcards: fabrics[wildcards.fabric].chart.options,
-        code=digest("kinran.radiance.calibrate"),
+        code=digest("kinran.calibrate.calibrate"),
     shell:
         "python -m kinran calibrate {output:q} --plan {input.plan:q} --manifests {input.manifest:q}"
         " {params.chart} 2>&1 | tee {log}"
@@ -55,7 +55,7 @@ rule stack:
     params:
         holdout=config["holdout"],
         stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
-        code=digest("kinran.radiance.assemble"),
+        code=digest("kinran.radiance.stack"),
     shell:
         "python -m kinran stack {params.stack:q} --plan {input.plan:q} --calibration {input.calibration:q}"
         " --manifests {input.manifests:q} --receipts {input.receipts:q} --holdout {params.holdout}"

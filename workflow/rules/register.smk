@@ -1,4 +1,4 @@
-from kinran.register import find_views
+from kinran.register.register import find_views
 
 session = config["register"]
 
@@ -29,7 +29,7 @@ rule register:
     params:
         folder=subpath(output.report, parent=True),
         encoding=session["encoding"],
-        code=digest("kinran.register"),
+        code=digest("kinran.register.register"),
     shell:
         "python -m kinran register {params.folder:q} --views {input.views:q} --board {input.board:q}"
         " --encoding {params.encoding:q} 2>&1 | tee {log}"

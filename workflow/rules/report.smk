@@ -30,9 +30,9 @@ rule report:
         choice=lambda wildcards, input: (
             f"--choice {input.choice}" if input.choice else ""
         ),
-        code=digest("kinran.report"),
+        code=digest("kinran.report.report"),
     shell:
-        "python -m kinran report --fabric {wildcards.fabric} --results {params.results:q}"
+        "python -m kinran report --fabric {params.results:q}"
         " --captures {params.captures:q} {params.choice} {output:q} 2>&1 | tee {log}"
 
 

@@ -5,7 +5,7 @@ rule scan:
         "logs/{fabric}/scan.log",
     params:
         source=config["scene"]["scan"],
-        code=digest("kinran.scan"),
+        code=digest("kinran.virtual.scan"),
     shell:
         "if [ {params.source:q} = generated ]; then python -m kinran scan {output:q};"
         " else cp {params.source:q} {output:q}; fi 2>&1 | tee {log}"
@@ -22,7 +22,7 @@ rule mesh:
     benchmark:
         "results/{fabric}/benchmarks/mesh.tsv"
     params:
-        code=digest("kinran.mesh"),
+        code=digest("kinran.scene.mesh"),
     shell:
         "python -m kinran mesh {input:q} {output.mesh:q} --report {output.report:q} 2>&1 | tee {log}"
 
@@ -38,7 +38,7 @@ rule scene:
         "logs/{fabric}/scene.log",
     params:
         folder=subpath(output[0], parent=True),
-        code=digest("kinran.scene"),
+        code=digest("kinran.scene.scene"),
     shell:
         "python -m kinran scene --template {input.template:q} --mesh {input.mesh:q}"
         " --material {input.material:q} --out {params.folder:q} 2>&1 | tee {log}"
@@ -59,7 +59,7 @@ rule render:
     resources:
         mem_mb=2000,
     params:
-        code=digest("kinran.render"),
+        code=digest("kinran.scene.render"),
         plugin=digest("kinran_bsdf"),
     shell:
         "(python -m kinran render {input:q} --out {output.exr:q}"

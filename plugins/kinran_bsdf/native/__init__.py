@@ -1,8 +1,8 @@
 """Compile the BSDF `kinran` for Mitsuba's scalar variants and its command `mitsuba`, against the installed wheel.
 
 It is optional: the plugin in Python is the product, and renders as fast in the LLVM variants. A compiled plugin belongs
-to the version of Mitsuba that it was compiled against; compile it again after an update. On Linux for x86-64; needs g++
-and the package nanobind, whose headers those of Mitsuba include.
+to the version of Mitsuba that it was compiled against; compile it again after an update. Compiling works on Linux for
+x86-64 and needs g++ and the package nanobind, whose headers those of Mitsuba include.
 """
 
 import argparse
@@ -16,21 +16,22 @@ from importlib.util import find_spec
 from pathlib import Path
 
 HERE = Path(__file__).parent
-# these are part of the wheel's ABI: without AVX2 its vectors have another size, and scalar variants crash
 FLAGS = (
     *("-std=c++17", "-O2", "-fPIC", "-shared", "-mavx2", "-mfma", "-mf16c", "-fno-strict-aliasing"),
     *("-DNDEBUG", "-DLITTLE_ENDIAN", "-DMI_ENABLE_LLVM=1", "-DMI_ENABLE_CUDA=1", "-DMI_ENABLE_EMBREE=1"),
     "-DMI_ENABLE_AUTODIFF=1",
 )
+"""Flags of the compiler. They are part of the wheel's ABI: without AVX2 vectors have another size, and scalar variants
+crash."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the command."""
+    """Add the command's arguments to a parser."""
     parser.add_argument("--out", type=Path, default=Path("native"), help="folder for plugins/kinran.so (native)")
 
 
 def main(args: argparse.Namespace) -> None:
-    """Compile, and say how to use it."""
+    """Compile the plugin, and print how to use it."""
     if reason := missing():
         raise SystemExit(f"kinran native: {reason}")
     try:
@@ -41,7 +42,7 @@ def main(args: argparse.Namespace) -> None:
 
 
 def missing() -> str:
-    """What this machine lacks to compile the plugin; empty if nothing."""
+    """Return what this machine lacks to compile the plugin; empty if nothing."""
     if sys.platform != "linux" or platform.machine() != "x86_64":
         return f"has no recipe for {sys.platform} on {platform.machine()}; use the plugin in Python"
     if not shutil.which("g++"):
@@ -52,42 +53,32 @@ def missing() -> str:
 
 
 def stamp() -> str:
-    """What a plugin compiled now is made of: `build` leaves it in the file."""
+    """Return a digest of the sources and the version of Mitsuba, which `build` writes into the plugin."""
     sources = b"".join((HERE / name).read_bytes() for name in ("kinran.cpp", "material.h", "models.h"))
     return f"kinran {hashlib.sha256(sources).hexdigest()[:16]} for Mitsuba {version('mitsuba')}"
 
 
 def stale(library: Path) -> bool:
-    """Whether a compiled plugin is of other sources, or of another version of Mitsuba."""
+    """Return whether a compiled plugin is of other sources, or of another version of Mitsuba."""
     return stamp().encode() not in library.read_bytes()
 
 
 def build(folder: Path) -> Path:
-    """Compile to `folder`/plugins/kinran.so, which takes half a minute.
+    """Compile to `folder`/plugins/kinran.so, which takes half a minute; return its path.
 
     Raises
     ------
     RuntimeError
-        The compiler refuses; what it says first is in the message.
+        The compiler fails, or a package is missing; the message has the compiler's first error.
     """
     mitsuba, drjit, nanobind = (_package(name) for name in ("mitsuba", "drjit", "nanobind"))
     headers = mitsuba / "include", drjit / "include", nanobind / "include", nanobind / "ext" / "robin_map" / "include"
     library = folder / "plugins" / "kinran.so"
     library.parent.mkdir(parents=True, exist_ok=True)
     part = library.with_suffix(".part")
-    command = [
-        *(
-            "g++",
-            *FLAGS,
-            f'-DKINRAN_STAMP="{stamp()}"',
-            *(f"-I{path}" for path in headers),
-            str(HERE / "kinran.cpp"),
-            "-o",
-            str(part),
-        ),
-        *(f"-L{mitsuba}", "-lmitsuba", f"-L{drjit}", "-ldrjit-core", "-ldrjit-extra"),
-        f"-Wl,-rpath,{mitsuba}:{drjit}",
-    ]
+    command = ["g++", *FLAGS, f'-DKINRAN_STAMP="{stamp()}"', *(f"-I{path}" for path in headers)]
+    command += [str(HERE / "kinran.cpp"), "-o", str(part), f"-L{mitsuba}", "-lmitsuba", f"-L{drjit}"]
+    command += ["-ldrjit-core", "-ldrjit-extra", f"-Wl,-rpath,{mitsuba}:{drjit}"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         part.unlink(missing_ok=True)

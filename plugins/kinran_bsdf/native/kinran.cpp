@@ -100,7 +100,7 @@ public:
             if (m_lobes == 2)
                 for (size_t i = 0; i < shape.size(); ++i)
                     shape[i] = dr::select(first, shape[i], terms[2].shape[i]);
-            Vector3f h = m_models.sample_half_vector(shape, sample2);
+            Vector3f h = m_models.sample(shape, sample2);
             light = dr::select(pick, reflect(v, Normal3f(h)), light);
             component = dr::select(pick, dr::select(first, UInt32(0), UInt32((uint32_t) m_lobes - 1)), component);
         }
@@ -177,7 +177,7 @@ public:
     }
 
     std::string to_string() const override {
-        return "Kinran[model=" + m_model_name + ", lobes=" + std::to_string(m_lobes) + ", compiled: " KINRAN_STAMP "]";
+        return "Kinran[model=" + m_name + ", lobes=" + std::to_string(m_lobes) + ", compiled: " KINRAN_STAMP "]";
     }
 
     MI_DECLARE_CLASS(Kinran)
@@ -195,13 +195,14 @@ private:
         return value;
     }
 
-    void set_model(const std::string &model, const std::string &tail, int lobes, double floor) {
-        m_model_name = model;
-        m_models.model = model == "takeda2008" ? Model::Takeda2008 : model == "slope" ? Model::Slope : Model::Lambert;
-        m_models.ggx = tail == "ggx";
+    void set_model(const kinran::ModelInfo &model, const std::string &tail, int lobes, double floor) {
+        m_name = model.name;
+        m_filtered = model.filtered;
+        m_models.model = model.model;
+        m_models.ggx = tail == kinran::Tails[1];
         m_models.floor = dr::opaque<Float>((ScalarFloat) floor);
         m_lobes = (size_t) lobes;
-        m_shape = !lobes ? 0 : model == "takeda2008" ? 4 : 5;
+        m_shape = model.parameters.size();
     }
 
     static Texture2f texture(const std::vector<float> &values, size_t height, size_t width, dr::FilterMode filter,
@@ -218,12 +219,11 @@ private:
         } catch (const std::exception &error) {
             Throw("%s: %s", path, error.what());
         }
-        set_model(m.model, m.tail, m.lobes,
+        set_model(*m.model, m.tail, m.lobes,
                   std::min(std::cos(85 * dr::Pi<double> / 180), std::max(std::cos(m.theta_max), 1e-3)));
-        bool angular = m.model == "takeda2008";
-        std::string filter = choice(props, "filter", angular ? "nearest" : "bilinear", { "nearest", "bilinear" });
-        if (angular && filter != "nearest")
-            Throw("kinran: filter 'bilinear' would average angles of takeda2008; use 'nearest' or fit slope");
+        std::string filter = choice(props, "filter", m_filtered ? "bilinear" : "nearest", { "nearest", "bilinear" });
+        if (!m_filtered && filter != "nearest")
+            Throw("kinran: filter 'bilinear' would average angles of %s; use 'nearest' or fit slope", m_name);
         bool repeat = choice(props, "wrap_mode", "repeat", { "repeat", "clamp" }) == "repeat";
         auto mode = filter == "nearest" ? dr::FilterMode::Nearest : dr::FilterMode::Linear;
         auto wrap = repeat ? dr::WrapMode::Repeat : dr::WrapMode::Clamp;
@@ -267,26 +267,26 @@ private:
     }
 
     void from_textures(const Properties &props) {
-        std::string model = choice(props, "model", "slope", { "takeda2008", "slope", "lambert" });
-        std::string tail = choice(props, "tail", "gaussian", { "gaussian", "ggx" });
-        int lobes = model == "lambert" ? 0 : model == "slope" && props.has_property("lobe2") ? 2 : 1;
+        std::vector<std::string> names;
+        for (const kinran::ModelInfo &model : kinran::ModelTable)
+            names.push_back(model.name);
+        const kinran::ModelInfo &model = kinran::model_of(choice(props, "model", "slope", names));
+        std::string tail = choice(props, "tail", kinran::Tails[0], kinran::Tails);
+        int lobes = model.least;
+        for (int n = lobes; n <= model.most; ++n)
+            lobes = n && props.has_property("lobe" + std::to_string(n)) ? n : lobes;
         set_model(model, tail, lobes, std::cos(85 * dr::Pi<double> / 180));
         auto add = [&](const std::string &name, ScalarFloat preset, bool colour) {
             m_names.push_back(name);
             m_textures.push_back(colour ? props.get_texture<Texture>(name, preset)
                                         : props.get_unbounded_texture<Texture>(name, preset));
         };
-        std::vector<std::pair<std::string, ScalarFloat>> slope = { { "_x", 0.f }, { "_y", 0.f }, { "_xx", .04f },
-                                                                   { "_xy", 0.f }, { "_yy", .04f } };
-        std::vector<std::pair<std::string, ScalarFloat>> angles = { { "_theta", 0.f }, { "_phi", 0.f }, { "_dt", .2f },
-                                                                    { "_dp", .5f } };
         for (int k = 0; k <= lobes; ++k) {
             std::string name = k ? "lobe" + std::to_string(k) : "diffuse";
             add(name, .5f, true);
             add(name + "_amplitude", k ? 1.f : dr::InvPi<ScalarFloat>, false);
-            const auto &shape = k && model == "takeda2008" ? angles : slope;
-            for (size_t i = 0; i < (k ? shape.size() : 2); ++i)
-                add(name + shape[i].first, shape[i].second, false);
+            for (const auto &[parameter, neutral] : k ? model.parameters : kinran::DiffuseParameters)
+                add(name + "_" + parameter, neutral, false);
         }
     }
 
@@ -330,7 +330,7 @@ private:
                 for (size_t i = 0; i < count; ++i)
                     terms[k].shape[i] = m_textures[at + i]->eval_1(si, active);
                 if (k)
-                    floor_widths(terms[k].shape);
+                    terms[k].shape = m_models.confined(terms[k].shape);
                 at += count;
             }
             return texel;
@@ -342,8 +342,8 @@ private:
             for (size_t i = 0; i < (k ? m_shape : 2); ++i)
                 terms[k].shape[i] = values[at++];
             Float inverse = 1.f;
-            if (k && m_models.model == Model::Slope)
-                inverse = dr::rcp(dr::maximum(m_models.energy(terms[k].shape), (ScalarFloat) 1e-12));
+            if (k && m_filtered)
+                inverse = dr::rcp(dr::maximum(m_models.albedo(terms[k].shape), (ScalarFloat) 1e-12));
             terms[k].strength = 0.f;
             for (size_t c = 0; c < m_bands; ++c) {
                 terms[k].bands[c] *= inverse;
@@ -354,18 +354,6 @@ private:
         while (at < values.size())
             texel.residual.push_back(values[at++]);
         return texel;
-    }
-
-    void floor_widths(Shape &p) const {
-        if (m_shape == 4) {
-            p[2] = dr::maximum(p[2], kinran::WidthFloor);
-            p[3] = dr::maximum(p[3], kinran::WidthFloor);
-            return;
-        }
-        p[2] = dr::maximum(p[2], kinran::WidthFloor * kinran::WidthFloor);
-        p[4] = dr::maximum(p[4], kinran::WidthFloor * kinran::WidthFloor);
-        Float most = (ScalarFloat) 0.999 * dr::sqrt(p[2] * p[4]);
-        p[3] = dr::clip(p[3], -most, most);
     }
 
     UnpolarizedSpectrum spectrum(const SurfaceInteraction3f &si, const std::array<Float, 3> &bands, Mask active) const {
@@ -423,7 +411,7 @@ private:
         Float total(0.f), sum(0.f);
         ScalarFloat count = 0;
         for (size_t k = 0; k < terms.size(); ++k) {
-            Float unit = k ? m_models.energy(terms[k].shape) : dr::Pi<Float>;
+            Float unit = k ? m_models.albedo(terms[k].shape) : dr::Pi<Float>;
             ScalarFloat least = m_count && k == 0 ? ResidualLeast : (ScalarFloat) 0;
             Float weight = dr::maximum(dr::maximum(terms[k].strength, 0.f) * unit, least);
             weights.push_back(enabled[k] ? Float(dr::detach(weight)) : Float(0.f));
@@ -530,7 +518,8 @@ private:
         return dr::select(y <= 0.04045f, y / 12.92f, dr::pow((dr::maximum(y, 0.04045f) + 0.055f) / 1.055f, 2.4f));
     }
 
-    std::string m_model_name;
+    std::string m_name;
+    bool m_filtered = true;
     Models<Float> m_models;
     size_t m_lobes = 0, m_shape = 0, m_bands = 3, m_count = 0;
     std::array<std::array<ScalarFloat, 3>, 2> m_to_uv;

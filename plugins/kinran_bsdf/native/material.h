@@ -8,6 +8,8 @@
 #include <OpenEXR/ImfInputFile.h>
 #include <OpenEXR/ImfStringAttribute.h>
 
+#include "models.h"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -19,8 +21,6 @@
 namespace kinran {
 
 using Matrix = std::array<std::array<double, 3>, 3>;
-
-constexpr float WidthFloor = 1e-3f;
 
 // ACEScg (AP1, D60) to linear Rec.709 (D65), Bradford adaptation
 constexpr Matrix ToRec709 = { { { 1.704858676, -0.621716022, -0.083299372 },
@@ -108,35 +108,38 @@ struct Residual {
 struct Material {
     size_t width = 0, height = 0;
     std::map<std::string, std::vector<float>> channels;
-    std::string model, tail;
+    const ModelInfo *model = nullptr;
+    std::string tail;
     int lobes = 0;
     double theta_max = 0;
     Matrix from_stack{};
     bool has_residual = false;
     Residual residual;
 
-    std::vector<std::string> shape() const {
-        if (model == "takeda2008")
-            return { "theta", "phi", "dt", "dp" };
-        return { "x", "y", "xx", "xy", "yy" };
-    }
-
     const std::vector<float> &plane(const std::string &name) const {
         auto it = channels.find(name);
         if (it == channels.end())
-            throw std::runtime_error("has no channel '" + name + "', which model '" + model + "' needs; fit it again");
+            throw std::runtime_error("has no channel '" + name + "', which model '" + model->name + "' needs; fit it again");
         return it->second;
     }
 };
 
+/// The model of this name
+inline const ModelInfo &model_of(const std::string &name) {
+    std::string list;
+    for (const ModelInfo &model : ModelTable) {
+        if (model.name == name)
+            return model;
+        list += (list.empty() ? "" : ", ") + model.name;
+    }
+    throw std::runtime_error("model '" + name + "' is not one of " + list + "; update the plugin");
+}
+
 inline void check(const Material &m) {
-    bool one = m.model == "takeda2008" ? m.lobes == 1 : m.model == "lambert" ? m.lobes == 0 : m.lobes == 1 || m.lobes == 2;
-    if (m.model != "takeda2008" && m.model != "slope" && m.model != "lambert")
-        throw std::runtime_error("model '" + m.model + "' is not one of takeda2008, slope, lambert; update the plugin");
-    if (m.tail != "gaussian" && m.tail != "ggx")
+    if (std::find(Tails.begin(), Tails.end(), m.tail) == Tails.end())
         throw std::runtime_error("tail '" + m.tail + "' is not one of gaussian, ggx; update the plugin");
-    if (!one)
-        throw std::runtime_error(std::to_string(m.lobes) + " lobes do not go with model '" + m.model + "'; fit it again");
+    if (m.lobes < m.model->least || m.lobes > m.model->most)
+        throw std::runtime_error(std::to_string(m.lobes) + " lobes do not go with model '" + m.model->name + "'; fit it again");
     for (auto &[name, values] : m.channels)
         for (float v : values)
             if (!std::isfinite(v))
@@ -152,7 +155,7 @@ inline void check(const Material &m) {
                 throw std::runtime_error("channel '" + term + ".amplitude' is negative; fit it again");
         if (!k)
             continue;
-        bool takeda = m.model == "takeda2008";
+        bool takeda = m.model->model == Model::Takeda2008;
         const std::vector<float> &a = m.plane(term + (takeda ? ".dt" : ".xx")), &b = m.plane(term + (takeda ? ".dp" : ".yy")),
                                  &c = m.plane(term + (takeda ? ".dt" : ".xy"));
         for (size_t i = 0; i < a.size(); ++i)
@@ -177,8 +180,8 @@ inline Material read(const std::string &path) {
         throw std::runtime_error("kinran:cosine is '" + text("cosine") + "'; the plugin needs T = f_r cos θ ('included')");
     if (text("colour") != "lin_ap1_scene")
         throw std::runtime_error("colour space '" + text("colour") + "' is not 'lin_ap1_scene'; convert the maps");
-    m.model = text("model");
-    m.tail = text("tail", false).empty() ? "gaussian" : text("tail");
+    m.model = &model_of(text("model"));
+    m.tail = text("tail", false).empty() ? Tails[0] : text("tail");
     m.lobes = std::atoi(text("lobes").c_str());
     m.theta_max = json_numbers(text("measured"), "theta_max").at(0);
     std::vector<double> matrix = json_numbers(text("from_stack"), "");
@@ -215,25 +218,22 @@ inline Material read(const std::string &path) {
 
 /// Mean shape of a lobe over the texels that have it, for those that have not
 inline std::vector<float> fill(const Material &m, const std::string &lobe) {
-    static const std::map<std::string, float> neutral = { { "x", 0.f },  { "y", 0.f },     { "xx", .04f },
-                                                          { "xy", 0.f }, { "yy", .04f },   { "theta", 0.f },
-                                                          { "phi", 0.f }, { "dt", .2f },   { "dp", .5f } };
     const std::vector<float> &amplitude = m.plane(lobe + ".amplitude");
     std::vector<float> result;
-    for (const std::string &s : m.shape()) {
+    for (const auto &[s, neutral] : m.model->parameters) {
         const std::vector<float> &plane = m.plane(lobe + "." + s);
         double total = 0, sum = 0;
         for (size_t i = 0; i < plane.size(); ++i) {
             total += amplitude[i];
             sum += (double) amplitude[i] * plane[i];
         }
-        result.push_back(total > 0 ? (float) (sum / total) : neutral.at(s));
+        result.push_back(total > 0 ? (float) (sum / total) : neutral);
     }
     return result;
 }
 
 inline void floor_widths(const Material &m, float *shape) {
-    if (m.model == "takeda2008") {
+    if (m.model->model == Model::Takeda2008) {
         shape[2] = std::max(shape[2], WidthFloor);
         shape[3] = std::max(shape[3], WidthFloor);
         return;
@@ -244,14 +244,8 @@ inline void floor_widths(const Material &m, float *shape) {
     shape[4] += lack;
 }
 
-/// Albedo of a slope lobe of amplitude 1 at V = N, nearly, as in models.py
-inline float slope_albedo(const float *p) {
-    float z = 1 / (1 + p[0] * p[0] + p[1] * p[1] + 0.5f * (p[2] + p[4]));
-    return 4 * (float) M_PI * std::sqrt(std::max(p[2] * p[4] - p[3] * p[3], 0.f)) * z * z;
-}
-
-/// Colour · amplitude · bound in `bands` bands and shape, of the diffuse term and then of each lobe, texel by texel; slope
-/// lobes have their albedo in place of their amplitude; the maps of a residual and `bound` come last
+/// Colour · amplitude · bound in `bands` bands and shape, of the diffuse term and then of each lobe, texel by texel; lobes
+/// that are filtered have their albedo in place of their amplitude; the maps of a residual and `bound` come last
 inline std::vector<float> pack(const Material &m, size_t bands) {
     std::vector<float> result;
     std::vector<const std::vector<float> *> planes;
@@ -261,7 +255,7 @@ inline std::vector<float> pack(const Material &m, size_t bands) {
     for (int k = 0; k <= m.lobes; ++k) {
         std::string term = k ? "lobe" + std::to_string(k) : "diffuse";
         std::vector<std::string> names = { "R", "G", "B", "amplitude" };
-        for (const std::string &s : k ? m.shape() : std::vector<std::string>{ "x", "y" })
+        for (const auto &[s, neutral] : k ? m.model->parameters : DiffuseParameters)
             names.push_back(s);
         for (const std::string &name : names)
             planes.push_back(&m.plane(term + "." + name));
@@ -275,6 +269,7 @@ inline std::vector<float> pack(const Material &m, size_t bands) {
             rest.push_back(&m.plane("residual" + std::to_string(k) + "." + c));
     if (m.has_residual)
         rest.push_back(&bound);
+    mitsuba::Models<float> models{ m.model->model, false, 0.f };
     result.reserve(m.width * m.height * (count + rest.size()));
     for (size_t i = 0; i < m.width * m.height; ++i) {
         size_t at = 0;
@@ -292,14 +287,18 @@ inline std::vector<float> pack(const Material &m, size_t bands) {
             else
                 result.insert(result.end(), rgb.begin(), rgb.end());
             at += 4;
-            size_t shape = k ? m.shape().size() : 2;
+            size_t shape = (k ? m.model->parameters : DiffuseParameters).size();
             for (size_t s = 0; s < shape; ++s)
                 result.push_back(k && (*planes[at - 1])[i] <= 0 ? fills[k][s] : (*planes[at + s])[i]);
             float *last = result.data() + result.size() - shape;
             if (k)
                 floor_widths(m, last);
-            for (size_t b = 1; k && m.model == "slope" && b <= bands; ++b)
-                last[-(ptrdiff_t) b] *= slope_albedo(last);
+            if (k && m.model->filtered) {
+                mitsuba::Models<float>::Shape values{};
+                std::copy(last, last + shape, values.begin());
+                for (size_t b = 1; b <= bands; ++b)
+                    last[-(ptrdiff_t) b] *= models.albedo(values);
+            }
             at += shape;
         }
         for (const auto *plane : rest)

@@ -1,14 +1,44 @@
-// The formulas of models.py and sampling.py, in the same order; a test holds the two together.
+// The classes of kinran_bsdf/models, as formulas with the same names; a test holds the two together for each model.
 #pragma once
 
 #include <mitsuba/core/vector.h>
 #include <mitsuba/core/warp.h>
 
 #include <array>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace kinran {
+
+enum class Model { Takeda2008, Slope, Lambert };
+
+constexpr float WidthFloor = 1e-3f;
+
+/// What a model is called, how many lobes it can have, whether shapes may be averaged between texels, and the parameters
+/// of a lobe with the values that they have where nobody gives any
+struct ModelInfo {
+    Model model;
+    std::string name;
+    int least, most;
+    bool filtered;
+    std::vector<std::pair<std::string, float>> parameters;
+};
+
+inline const std::vector<ModelInfo> ModelTable = {
+    { Model::Takeda2008, "takeda2008", 1, 1, false, { { "theta", 0.f }, { "phi", 0.f }, { "dt", .2f }, { "dp", .5f } } },
+    { Model::Slope, "slope", 1, 2, true, { { "x", 0.f }, { "y", 0.f }, { "xx", .04f }, { "xy", 0.f }, { "yy", .04f } } },
+    { Model::Lambert, "lambert", 0, 0, true, {} },
+};
+
+inline const std::vector<std::pair<std::string, float>> DiffuseParameters = { { "x", 0.f }, { "y", 0.f } };
+inline const std::vector<std::string> Tails = { "gaussian", "ggx" };
+
+}  // namespace kinran
 
 NAMESPACE_BEGIN(mitsuba)
 
-enum class Model { Takeda2008, Slope, Lambert };
+using kinran::Model;
 
 template <typename Float_> struct Models {
     using Float    = Float_;
@@ -69,8 +99,8 @@ template <typename Float_> struct Models {
         return masking * l.z() / (dr::maximum(v.z(), floor) * dr::maximum(l.z(), floor));
     }
 
-    /// Albedo at V = N of a lobe of amplitude 1, approximately
-    Float energy(const Shape &p) const {
+    /// Albedo at V = N of a lobe of amplitude 1, nearly
+    Float albedo(const Shape &p) const {
         if (model == Model::Takeda2008) {
             Float sine = dr::maximum(dr::sin(p[0]), (Scalar) 0.5 * p[2]);
             return 4 * Pi * p[2] * dr::minimum(p[3], 2 * dr::sqrt(Pi)) * sine *
@@ -80,7 +110,21 @@ template <typename Float_> struct Models {
         return 4 * Pi * dr::sqrt(dr::maximum(p[2] * p[4] - p[3] * p[3], 0)) * z * z;
     }
 
-    Vector3f sample_half_vector(const Shape &p, const Point2f &u) const {
+    /// Shape of a lobe that can be rendered, whatever textures say
+    Shape confined(Shape p) const {
+        if (model == Model::Takeda2008) {
+            p[2] = dr::maximum(p[2], kinran::WidthFloor);
+            p[3] = dr::maximum(p[3], kinran::WidthFloor);
+            return p;
+        }
+        p[2] = dr::maximum(p[2], kinran::WidthFloor * kinran::WidthFloor);
+        p[4] = dr::maximum(p[4], kinran::WidthFloor * kinran::WidthFloor);
+        Float most = (Scalar) 0.999 * dr::sqrt(p[2] * p[4]);
+        p[3] = dr::clip(p[3], -most, most);
+        return p;
+    }
+
+    Vector3f sample(const Shape &p, const Point2f &u) const {
         return model == Model::Takeda2008 ? sample_takeda(p, u) : sample_slope(p, u);
     }
 

@@ -1,7 +1,7 @@
-"""A fit gone over with saturated samples as what they are: lower bounds, no values.
+"""Refit texels with saturated samples, which are lower bounds and not values.
 
-Where many samples of a texel are saturated, its peak is lost, and two Gaussian lobes are more than the flanks can tell:
-they are made of one GGX lobe under its region's prior.
+Where many samples of a texel are saturated, its peak is lost, and the flanks cannot tell two Gaussian lobes apart: the
+two are then made from one GGX lobe that is fitted under its region's prior.
 """
 
 from dataclasses import replace
@@ -10,74 +10,68 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran.fit import slope
-from kinran.fit.lobes import LOBE_SIZE
-from kinran.fit.predict import predict
-from kinran.fit.slope import Prior, SlopeFit
-from kinran.fit.start import HEIGHTS, pair
-
-Array = NDArray[np.float64]
-Samples = NDArray[np.float32]
+from kinran.fit.region_priors import Prior
+from kinran.fit.samples import Samples
+from kinran.fit.slope import SlopeFit
+from kinran.fit.slope_lobes import Lobes
+from kinran.fit.solver.start import HEIGHTS, pair
 
 ROUNDS = 3
+"""Fits in which saturated samples are raised to the last prediction. A choice; more rounds were not measured."""
 LOST = (0.05, 0.5)
-"""Shares of saturated samples between which one lobe is better than two. Of more, no lobe is found."""
+"""Shares of saturated samples between which one lobe is better than two; beyond the larger share no lobe is found. The
+table is in docs/fit.md, "Few exposures"."""
 
 
-def refit(
-    fitted: SlopeFit,
-    T: Samples,
-    W: Samples,
-    bounds: Samples,
-    lights: Array,
-    tail: str,
-    lobes: int,
-    priors: list[Prior] | None,
-    region: NDArray[np.intp],
-    threads: int,
-    slopes: Array,
-    second: NDArray[np.intp] | None = None,
-) -> SlopeFit:
-    """Fit texels with saturated samples again, taking what the last fit says above a bound for the sample.
+def refit(fitted: SlopeFit, samples: Samples, priors: list[Prior] | None = None, threads: int = 1) -> SlopeFit:
+    """Fit texels with saturated samples again, with the prediction for each sample that is above its bound.
 
     Parameters
     ----------
     fitted
-        Of all texels, as `kinran.fit.slope.fit` gave it; saturated samples had little or no weight.
-    bounds : (texel, light) float32
-        Weights of saturated samples as bounds; 0 elsewhere.
-    T, W, lights, tail, lobes, priors, region, threads, slopes, second
-        As given to `kinran.fit.slope.fit`.
+        Fit of all texels by `kinran.fit.slope.fit`, in which saturated samples had little or no weight.
+    samples
+        Samples of the same texels. Without `bounds` the fit is returned as it is.
+    priors
+        A prior for each region.
     """
-    saturated = bounds > 0
-    share = saturated.sum(1) / np.maximum((saturated | (W > 0)).sum(1), 1)
+    if samples.bounds is None:
+        return fitted
+    saturated = samples.bounds > 0
+    share = saturated.sum(1) / np.maximum((saturated | (samples.W > 0)).sum(1), 1)
     lone = [prior.lone for prior in priors or () if prior.lone]
     lost = (share > LOST[0]) & (share <= LOST[1]) & bool(lone)
     result = replace(fitted, shapes=fitted.shapes.copy(), colours=fitted.colours.copy(), cost=fitted.cost.copy())
-    for at, kind in (
-        (np.flatnonzero((share > 0) & ~lost), (tail, lobes, priors)),
-        (np.flatnonzero(lost), ("ggx", 1, lone)),
-    ):
-        if not len(at):
-            continue
-        given, of_one = (*kind, region[at], threads), kind[2] is lone
-        known, where = T[at], saturated[at][:, None]
-        weights = np.where(saturated[at], bounds[at], W[at]).astype(np.float32)
-        part = slope.fit(known, W[at], lights, *given, slopes=slopes) if of_one else fitted.part(at)
-        other = None if second is None or of_one else second[at]
-        for _ in range(ROUNDS):
-            filled = np.where(where, np.maximum(known, predict(part, lights, kind[0], slopes)), known)
-            start = part.shapes
-            part = slope.fit(
-                filled.astype(np.float32), weights, lights, *given, start=start, slopes=slopes, second=other
-            )
-        result.put(at, as_pair(part) if of_one else part)
+    at = np.flatnonzero((share > 0) & ~lost)
+    if len(at):
+        some = samples.of(at)
+        result.put(at, _raised(fitted.of(at), some, saturated[at], priors, threads))
+    at = np.flatnonzero(lost)
+    if len(at):
+        some = samples.of(at).unshared()
+        one = slope.fit(some, Lobes("ggx", 1), lone, threads)
+        result.put(at, as_pair(_raised(one, some, saturated[at], lone, threads), fitted.lobes))
     return result
 
 
-def as_pair(fitted: SlopeFit) -> SlopeFit:
-    """Two Gaussian lobes of each one of GGX."""
-    shapes = np.concatenate([fitted.shapes[:, :LOBE_SIZE], fitted.shapes], 1)
+def _raised(
+    fitted: SlopeFit, samples: Samples, saturated: NDArray[np.bool_], priors: list[Prior] | None, threads: int
+) -> SlopeFit:
+    """Repeat the fit with each saturated sample (texel, light) raised to the last prediction, where that is larger."""
+    assert samples.bounds is not None
+    W = np.where(saturated, samples.bounds, samples.W).astype(np.float32)
+    for _ in range(ROUNDS):
+        T = np.where(saturated[:, None], np.maximum(samples.T, fitted.predict(samples.under)), samples.T)
+        filled = replace(samples, T=T.astype(np.float32), W=W)
+        fitted = slope.fit(filled, fitted.lobes, priors, threads, start=fitted.shapes)
+    return fitted
+
+
+def as_pair(fitted: SlopeFit, lobes: Lobes) -> SlopeFit:
+    """Replace the one GGX lobe of each texel by two Gaussian lobes (docs/fit.md has the formula)."""
+    shapes = np.concatenate([fitted.lobe(0), fitted.shapes], 1)
     for p in shapes:
         pair(p)
     lobe, diffuse = fitted.colours[:, :1], fitted.colours[:, 1:]
-    return SlopeFit(shapes, np.concatenate([HEIGHTS[0] * lobe, HEIGHTS[1] * lobe, diffuse], 1), fitted.cost)
+    colours = np.concatenate([HEIGHTS[0] * lobe, HEIGHTS[1] * lobe, diffuse], 1)
+    return SlopeFit(lobes, shapes, colours, fitted.cost)

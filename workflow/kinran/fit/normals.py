@@ -1,59 +1,61 @@
-"""Surface normals from a stack: Lambert's law, by the samples that keep to it."""
+"""Find the surface normals of a stack by Lambert's law, with the least absolute residuals."""
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.exr import write_exr
-from kinran.fit import samples
-from kinran.stack import Stack
+from kinran.base.exr import write_exr
+from kinran.data.fabric import Fabric
+from kinran.fit.samples import Samples, read_samples
 
 Array = NDArray[np.float64]
-Single = NDArray[np.float32]
 
 ROUNDS = 10
+"""Rounds of reweighting. A choice."""
 LEAST = 1e-3
-"""Of the albedo: residuals below count as this much."""
+"""Share of the albedo that every residual counts for at least in the weights. A choice."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the stage."""
-    parser.add_argument("--stack", type=Path, required=True, help="radiance stack (.zarr)")
-    parser.add_argument("out", type=Path, help="normals (.exr): x, y, z")
+@dataclass(frozen=True)
+class Inputs:
+    """Files that the stage reads."""
+
+    fabric: Annotated[Path, "folder of the fabric: radiance.zarr, labels.exr, regions.json"]
 
 
-def main(args: argparse.Namespace) -> None:
-    """Write the normals of all texels, by the training lights."""
-    stack = Stack.open(args.stack)
-    lights = samples.training_directions(stack)
-    normals = np.zeros((stack.height, stack.width, 3), np.float32)
-    for tile in samples.iterate(stack, stack.tiles()):
-        y0, y1, x0, x1 = tile.box
-        normals[y0:y1, x0:x1] = fit(tile.T, tile.W, lights).reshape(y1 - y0, x1 - x0, 3)
-    write_exr(args.out, {name: np.ascontiguousarray(normals[..., k]) for k, name in enumerate("xyz")})
+def main(inputs: Inputs, out: Annotated[Path, "OUT", "normals (.exr): x, y, z"]) -> None:
+    """Write the normals of all texels, from the training lights."""
+    fabric = Fabric(inputs.fabric)
+    normals = np.zeros((fabric.stack.height, fabric.stack.width, 3), np.float32)
+    for box in fabric.stack.tiles():
+        y0, y1, x0, x1 = box
+        normals[y0:y1, x0:x1] = fit(read_samples(fabric, box)).reshape(y1 - y0, x1 - x0, 3)
+    write_exr(out, {name: np.ascontiguousarray(normals[..., k]) for k, name in enumerate("xyz")})
 
 
-def fit(T: Single, W: Single, lights: Array) -> Array:
-    """Normals that leave the least sum of absolute residuals of Lambert's law.
+def fit(samples: Samples) -> Array:
+    """Fit normals with the least sum of absolute residuals from Lambert's law, by reweighted least squares.
 
-    Highlights, cast shadows and light of neighbours are far from it and few: unlike least squares, the sum of absolute
-    residuals hardly moves for them. Lights below the surface's own horizon say nothing. By reweighted least squares
-    [Ikehata2012 compare norms of this problem].
-
-    Parameters
-    ----------
-    T : (texel, 3, light) float32
-    W : (texel, light) float32
-        0 for what is not to be used.
-    lights : (light, 3) float
+    Highlights, cast shadows and light from neighbours are few and far from the law: unlike least squares, the sum of
+    absolute residuals hardly moves for them. Lights below the surface's own horizon have no weight. [Ikehata2012]
+    compares norms for this problem.
 
     Returns
     -------
     (texel, 3) float
         Unit vectors; N where a texel is black or has too few samples.
     """
+    result = np.empty((len(samples), 3))
+    for k, at in samples.under.cells():
+        result[at] = _of_cell(samples.T[at], samples.W[at], samples.under.lights[k])
+    return result
+
+
+def _of_cell(T: NDArray[np.float32], W: NDArray[np.float32], lights: Array) -> Array:
+    """Normals of texels under lights (light, 3)."""
     y = T.mean(1).astype(float)
     use = (W > 0).astype(float)
     scaled = _solve(use, y, lights)
@@ -68,7 +70,7 @@ def fit(T: Single, W: Single, lights: Array) -> Array:
 
 
 def _solve(weight: Array, y: Array, lights: Array) -> Array:
-    """Weighted least squares of y (texel, light) over the directions; (texel, 3)."""
+    """Solve weighted least squares of y (texel, light) over directions (light, 3); (texel, 3)."""
     products = (lights[:, :, None] * lights[:, None]).reshape(len(lights), 9)
     normal = (weight @ products).reshape(-1, 3, 3)
     normal += (1e-9 * np.trace(normal, axis1=1, axis2=2) + 1e-30)[:, None, None] * np.eye(3)

@@ -1,47 +1,51 @@
-"""Prior of each region on the shapes of its lobes, from free fits of a sample of its texels."""
+"""Learn the prior of each region on the shapes of its lobes, from fits of a sample of its texels."""
 
-import argparse
-from functools import partial
+import logging
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
-import numpy as np
+from kinran.data.fabric import Fabric
+from kinran.fit import learned_priors, robust_weights, shrinkage, trust
+from kinran.fit.lobed_regions import chosen_lobes
+from kinran.fit.region_priors import Priors
+from kinran.fit.samples import read_some, spread_over_regions, training_lights
 
-from kinran.fit import learned, reweighted, samples, slope, strength, trust
-from kinran.fit.chosen import add_lobes, take_choice
-from kinran.fit.sampled import of_regions
-from kinran.labels import read_labels, read_regions
-from kinran.stack import Stack
-
-SAMPLE = 512
-"""Texels of a region that its prior is made of."""
+log = logging.getLogger(__name__)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the stage."""
-    parser.add_argument("--stack", type=Path, required=True, help="radiance stack (.zarr)")
-    parser.add_argument("--labels", type=Path, required=True, help="label map (.exr)")
-    parser.add_argument("--regions", type=Path, required=True, help="regions (.json)")
-    add_lobes(parser)
-    parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("out", type=Path, help="priors (.json)")
+@dataclass(frozen=True)
+class Inputs:
+    """Files that the stage reads."""
+
+    fabric: Annotated[Path, "folder of the fabric: radiance.zarr, labels.exr, regions.json"]
+    choice: Annotated[Path | None, "lobes that `kinran choice` chose (.json), instead of --lobes and --tail"] = None
 
 
-def main(args: argparse.Namespace) -> None:
-    """Fit a sample of each region freely and write what they share."""
-    take_choice(args)
-    stack = Stack.open(args.stack)
-    count = len(read_regions(args.regions))
-    labels = read_labels(args.labels)
-    T, W, at = of_regions(stack, labels, count, SAMPLE)
-    region = labels.reshape(-1)[at].astype(np.intp)
-    lights = samples.training_directions(stack)
-    kind = args.tail, args.lobes, args.threads
-    seen = [stack.lights[i] for i in samples.training_lights(stack)]
-    trusted = trust.learn(T, W, lights, *kind)
-    trust.say(trusted, seen)
-    W = W * trusted.lights
-    if trusted.outliers:
-        fit = partial(slope.fit, lobes=args.lobes, threads=args.threads)
-        W = reweighted.robust(T, W, lights, args.tail, fit)[1]
-    priors = learned.learn_priors(T, W, lights, region, count, *kind)
-    slope.write_priors(args.out, strength.weigh(priors, T, W, lights, region, *kind), trusted.row(seen))
+@dataclass(frozen=True)
+class Options:
+    """Lobes that the priors are for."""
+
+    lobes: Annotated[Literal[1, 2], "number of lobes of the slope model"] = 1
+    tail: Annotated[Literal["gaussian", "ggx"], "tail of its lobes"] = "ggx"
+    threads: Annotated[int, "threads of this machine"] = 1
+
+
+def main(inputs: Inputs, out: Annotated[Path, "OUT", "priors (.json)"], options: Options = Options()) -> None:
+    """Fit a sample of each region, and write the priors, the factors of lights, and whether to fit robustly."""
+    fabric = Fabric(inputs.fabric)
+    lobes = chosen_lobes(inputs.choice, options.tail, options.lobes)
+    regions = len(fabric.regions)
+    samples = read_some(fabric, spread_over_regions(fabric.labels, regions, learned_priors.SAMPLE)).unshared()
+    lights = [fabric.stack.lights[i] for i in training_lights(fabric.stack)]
+    factors, outliers = trust.learn(samples, lobes, options.threads)
+    for light, factor in zip(lights, factors, strict=True):
+        if factor < 1:
+            log.info("light %s: does not fit in with its neighbours; weight %.2g", light.name, factor)
+    samples = samples.weighed(factors)
+    if outliers:
+        log.info("some samples are outliers: the fit takes Huber's loss")
+        _, samples = robust_weights.robust(samples, lobes, threads=options.threads)
+    priors = learned_priors.learn_priors(samples, regions, lobes, options.threads)
+    priors = shrinkage.weigh(priors, samples, lobes, options.threads)
+    Priors(priors, factors, outliers).write(out, lights)

@@ -1,49 +1,61 @@
 """Add a residual to a fitted material where cross-validation over lights says that it pays."""
 
-import argparse
+import logging
 import resource
-import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran import metrics, prediction
-from kinran.files import read_json, write_json
-from kinran.fit import samples, slope
-from kinran.fit.folds import deal, surrounded
-from kinran.fit.plates import plates
-from kinran.fit.predict import predict
-from kinran.labels import LabelMap, read_labels
-from kinran.stack import Stack
+from kinran.base.files import read_json, write_json
+from kinran.base.log import progress
+from kinran.data import material_prediction, metrics
+from kinran.data.fabric import Fabric
+from kinran.data.radiance_stack import Box
+from kinran.fit import slope
+from kinran.fit.components import by_light, leading, principal, remainder
+from kinran.fit.cross_validation import deal, surrounded
+from kinran.fit.light_splines import plates
+from kinran.fit.region_priors import Prior, Priors
+from kinran.fit.samples import Samples, read_samples, read_some, training_lights
+from kinran.fit.slope_lobes import Lobes
 from kinran_bsdf.material import Material, read_material, write_material
 from kinran_bsdf.residual import Residual, compress, kernel_matrix
+
+log = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 Values = NDArray[np.float32]
 
 FOLDS, FEW_FOLDS, MANY_LIGHTS = 8, 4, 256
+"""Folds of the lights, fewer where there are more than `MANY_LIGHTS`, so that a choice takes seconds. A choice."""
 SAMPLE = 1024
-"""Texels that the choice is made on."""
+"""Texels on which the candidates are compared. A choice; no command compares other numbers."""
 LEAST_GAIN_DB = 0.3
-"""What a residual has to gain in cross-validation to be worth its bytes."""
+"""Gain in cross-validated PSNR, dB, that a residual needs to be worth its bytes. A choice: that of a lobe
+(`kinran.fit.candidates.DB_A_BYTE`)."""
 SURE = 2.0
+"""Standard errors, over pairs of lights, from which a gain counts as sure: about one chance in forty. A choice."""
 COMPONENTS = (4, 9, 16)
+"""Numbers of principal components that are tried: those of hemispherical harmonics of two to four orders. Choices."""
 SMOOTHING = (1e-3, 1e-2, 3e-2, None)
-"""Of thin plates; None are harmonics."""
+"""Smoothing of thin plates that is tried; None takes harmonics instead. Choices."""
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
+"""Shares of the lobes in a picture that are tried; 0 leaves everything to the residual. Choices."""
 
 Key = tuple[float, int, float | None]
-"""Share of the lobes, components, smoothing."""
+"""Share of the lobes, number of components, smoothing."""
 ALONE: Key = (1.0, 0, 0.0)
+"""The lobes without a residual."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """What cross-validation chose: 0 components are the lobes alone."""
+    """Residual that cross-validation chose, and its PSNR in dB; 0 components are the lobes alone."""
 
     share: float
     components: int
@@ -52,114 +64,115 @@ class Choice:
     lobes_psnr: float
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the stage."""
-    parser.add_argument("--stack", type=Path, required=True, help="radiance stack (.zarr)")
-    parser.add_argument("--labels", type=Path, required=True, help="label map (.exr)")
-    parser.add_argument("--prior", type=Path, required=True, help="priors of the regions (.json)")
-    parser.add_argument("--material", type=Path, required=True, help="slope material (.exr)")
-    parser.add_argument("--fitted", type=Path, required=True, help="summary of its fit (.json)")
-    parser.add_argument("--summary", type=Path, required=True, help="choice and cost (.json)")
-    parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("out", type=Path, help="material with the residual (.exr)")
+@dataclass(frozen=True)
+class Inputs:
+    """Files that the stage reads."""
+
+    fabric: Annotated[Path, "folder of the fabric: radiance.zarr, labels.exr, regions.json"]
+    prior: Annotated[Path, "priors of the regions (.json)"]
+    material: Annotated[Path, "slope material (.exr)"]
+    fitted: Annotated[Path, "summary of its fit (.json)"]
 
 
-def main(args: argparse.Namespace) -> None:
-    """Choose on a sample of texels, then make the maps tile by tile."""
+@dataclass(frozen=True)
+class Outputs:
+    """Files that the stage writes."""
+
+    material: Annotated[Path, "OUT", "material with the residual (.exr)"]
+    summary: Annotated[Path, "choice and cost (.json)"]
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of the run."""
+
+    threads: Annotated[int, "threads of this machine"] = 1
+
+
+def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
+    """Choose the residual on a sample of texels, then make its maps tile by tile."""
     start = time.process_time()
-    stack = Stack.open(args.stack)
-    material = read_material(args.material)
-    lights = samples.training_directions(stack)
-    domain = stack.encoding or f"log:{_peak(stack):.6g}"
-    shape = material.tail, material.lobes
-    choice = choose(stack, read_labels(args.labels), args.prior, domain, shape, args.threads)
-    summary = read_json(args.fitted)
+    fabric = Fabric(inputs.fabric)
+    material = read_material(inputs.material)
+    domain = fabric.stack.encoding or f"log:{_peak(fabric):.6g}"
+    sample = read_some(fabric, _spread(fabric.labels.shape))
+    lobes, priors = Lobes(material.tail, material.lobes), Priors.read(inputs.prior, fabric)
+    choice = cross_validate(sample, lobes, priors.regions, domain, options.threads)
     if choice.components:
-        basis = _components(stack, material, lights, domain, choice)
-        maps = _maps(stack, material, lights, domain, choice.share, basis)
-        channels = dict(material.channels)
-        for k, plane in enumerate(maps):
-            channels.update({f"residual{k}.{c}": np.ascontiguousarray(plane[..., i]) for i, c in enumerate("RGB")})
-        residual = Residual(domain, choice.share, *plates(lights, basis, choice.smoothing))
-        material = replace(material, channels=channels, residual=residual)
-    write_material(args.out, material)
-    seconds = summary["cpu_seconds"] + time.process_time() - start
-    texels = summary["texels"]
-    write_json(
-        args.summary,
-        {
-            **summary,
-            "model": "slope with residual" if choice.components else "slope (a residual does not pay)",
-            "cpu_seconds": round(seconds, 3),
-            "microseconds_per_texel": round(1e6 * seconds / texels, 2),
-            "peak_mb": round(max(summary["peak_mb"], resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)),
-            "bytes_per_texel": summary["bytes_per_texel"] + (6 * (choice.components + 1) if choice.components else 0),
-            "residual": {
-                "share_of_lobes": choice.share,
-                "components": choice.components,
-                "smoothing": choice.smoothing,
-                "cross_validated_psnr": round(choice.psnr, 3),
-                "of_the_lobes_alone": round(choice.lobes_psnr, 3),
-            },
+        material = _Left(fabric, material, domain, choice).material()
+    write_material(out.material, material)
+    seconds = time.process_time() - start
+    write_json(out.summary, _summary(read_json(inputs.fitted), choice, seconds))
+    log.info(
+        "residual: %d components, share %g, cross-validated %.2f dB (lobes alone %.2f dB)",
+        choice.components,
+        choice.share,
+        choice.psnr,
+        choice.lobes_psnr,
+    )
+
+
+def _summary(fitted: dict[str, Any], choice: Choice, seconds: float) -> dict[str, Any]:
+    """Summary of a fit with its residual, and the cost of both."""
+    seconds += fitted["cpu_seconds"]
+    peak = max(fitted["peak_mb"], resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    return {
+        **fitted,
+        "model": "slope with residual" if choice.components else "slope (a residual does not pay)",
+        "cpu_seconds": round(seconds, 3),
+        "microseconds_per_texel": round(1e6 * seconds / fitted["texels"], 2),
+        "peak_mb": round(peak),
+        "bytes_per_texel": fitted["bytes_per_texel"] + (6 * (choice.components + 1) if choice.components else 0),
+        "residual": {
+            "share_of_lobes": choice.share,
+            "components": choice.components,
+            "smoothing": choice.smoothing,
+            "cross_validated_psnr": round(choice.psnr, 3),
+            "of_the_lobes_alone": round(choice.lobes_psnr, 3),
         },
-    )
-    print(
-        f"residual: {choice.components} components, share {choice.share:g}, cross-validated {choice.psnr:.2f} dB"
-        f" (lobes alone {choice.lobes_psnr:.2f} dB)",
-        file=sys.stderr,
-    )
+    }
 
 
-def _peak(stack: Stack) -> float:
-    """99.9th percentile of the training radiance, of a sample of tiles."""
-    boxes = stack.tiles()
-    return max(float(np.percentile(samples.read(stack, box).T, 99.9)) for box in boxes[:: max(1, len(boxes) // 16)])
+def _peak(fabric: Fabric) -> float:
+    """Largest 99.9th percentile of the training radiance in a sample of tiles."""
+    boxes = fabric.stack.tiles()[:: max(1, len(fabric.stack.tiles()) // 16)]
+    tiles = (read_samples(fabric, box) for box in boxes)
+    return max(float(np.percentile(tile.under.reaching(tile.T), 99.9)) for tile in tiles)
 
 
-def choose(stack: Stack, labels: LabelMap, prior: Path, domain: str, shape: tuple[str, int], threads: int) -> Choice:
-    """Share, components and smoothing, by a sample of the texels under the training lights."""
-    T, W, region = _sample(stack, labels)
-    lights = samples.training_directions(stack)
-    return cross_validate(T, W, lights, slope.read_priors(prior), region, domain, shape, threads)
+def _spread(shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Mask (y, x) of the texels on which the candidates are compared."""
+    chosen = np.zeros(int(np.prod(shape)), bool)
+    chosen[np.linspace(0, chosen.size - 1, min(SAMPLE, chosen.size)).astype(int)] = True
+    return chosen.reshape(shape)
 
 
-def cross_validate(
-    T: Values,
-    W: Values,
-    lights: Array,
-    priors: list[slope.Prior],
-    region: NDArray[np.intp],
-    domain: str,
-    shape: tuple[str, int],
-    threads: int = 1,
-) -> Choice:
-    """Share, components and smoothing by lights left out: see `pick`.
+def cross_validate(samples: Samples, lobes: Lobes, priors: list[Prior], domain: str, threads: int = 1) -> Choice:
+    """Choose share, components and smoothing of a residual by cross-validation over lights: see `pick`.
 
-    Lobes of `shape` (tail and number) are fitted anew in each fold. Lights that are outside of those they are predicted
-    from do not count: that is extrapolation, which punishes what is right inside.
+    Lobes are fitted anew in each fold. Lights outside the hull of the fitted ones do not count: to predict them is
+    extrapolation, which punishes what is right inside.
 
     Parameters
     ----------
-    T : (texel, 3, light) float32
-    W : (texel, light) float32
-    lights : (light, 3) float
-    priors, region
-        As of `slope.fit`.
+    priors
+        A prior for each region.
     domain
-        As of `kinran_bsdf.residual.Residual`.
+        Name that `kinran_bsdf.residual.Residual` has for the display-like values.
     """
-    shown = compress(T, domain).transpose(2, 0, 1).reshape(len(lights), -1)
-    usable = np.repeat((W > 0).T, 3, axis=1).astype(np.float32)
+    samples = samples.unshared()
+    under, lights = samples.under, samples.under.directions
+    shown = by_light(under.reaching(samples.T), domain)
+    usable = np.repeat((samples.W > 0).T, 3, axis=1).astype(np.float32)
     fold = deal(lights, FOLDS if len(lights) <= MANY_LIGHTS else FEW_FOLDS)
     inner = np.zeros(len(lights), bool)
     scores: dict[Key, Array] = {}
     for k in range(fold.max() + 1):
         train, test = fold != k, fold == k
-        part = np.ascontiguousarray(T[..., train]), np.ascontiguousarray(W[:, train])
-        fitted = slope.fit(*part, lights[train], *shape, priors=priors, region=region, threads=threads)
-        lobes = compress(predict(fitted, lights, shape[0]), domain).transpose(2, 0, 1).reshape(len(lights), -1)
+        fitted = slope.fit(samples.only(train), lobes, priors, threads)
+        said = by_light(under.reaching(fitted.predict(under)), domain)
         inner[test] = surrounded(lights[test], lights[train])
-        for key, predicted in _candidates(shown, lobes, lights, domain, train, test):
+        for key, predicted in _candidates(shown, said, lights, domain, train, test):
             errors = [_psnr(p, g, u) for p, g, u in zip(predicted, shown[test], usable[test], strict=True)]
             scores.setdefault(key, np.zeros(len(lights)))[test] = errors
     counted = inner if inner.sum() > len(lights) / 4 else np.ones(len(lights), bool)
@@ -167,15 +180,16 @@ def cross_validate(
 
 
 def pick(scores: dict[Key, Array]) -> Choice:
-    """Of the candidates that pay, that with the largest share of the lobes than which none is surely better.
+    """Choose the residual with the largest share of the lobes among those that pay and that none surely beats.
 
-    Surely: by `SURE` standard errors of pairs of lights, since few decide [after the rule of one standard error,
-    Breiman1984]. A candidate pays that surely gains, and at least `LEAST_GAIN_DB`; where none does, the lobes alone.
+    One candidate surely beats another by `SURE` standard errors of pairs of lights; a few lights decide (after the rule
+    of one standard error [Breiman1984]). A candidate pays if it surely beats the lobes alone, and by `LEAST_GAIN_DB` at
+    least. Where none pays, the lobes stay alone.
 
     Parameters
     ----------
     scores
-        PSNR (light,) of each light left out, by candidate; among them `ALONE`.
+        PSNR (light,) in dB of each light left out, by candidate; `ALONE` is among them.
     """
     means = {key: float(values.mean()) for key, values in scores.items()}
 
@@ -189,19 +203,6 @@ def pick(scores: dict[Key, Array]) -> Choice:
     best_of = [next(key for key in order if key[0] == share) for share in shares]
     chosen = next((key for key in best_of if not better(order[0], key)), ALONE)
     return Choice(*chosen, psnr=means[chosen], lobes_psnr=means[ALONE])
-
-
-def _sample(stack: Stack, labels: LabelMap) -> tuple[Values, Values, NDArray[np.intp]]:
-    flat = np.zeros(labels.size, np.uint16)
-    flat[np.linspace(0, labels.size - 1, min(SAMPLE, labels.size)).astype(int)] = 1
-    chosen = flat.reshape(labels.shape)
-    T, W, region = [], [], []
-    for tile in samples.iterate(stack, stack.tiles()):
-        inside = samples.cut(chosen, tile.box) > 0
-        T.append(tile.T[inside])
-        W.append(tile.W[inside])
-        region.append(samples.cut(labels, tile.box)[inside])
-    return np.concatenate(T), np.concatenate(W), np.concatenate(region)
 
 
 def _candidates(
@@ -226,50 +227,56 @@ def _candidates(
                     yield (share, count, smoothing), known + factors[:, :count] @ components[:count]
 
 
-def remainder(shown: Values, lobes: Values, domain: str, share: float) -> Values:
-    """What the lobes leave; nothing where a photograph is saturated and the lobes are over it."""
-    left = shown - np.float32(share) * lobes
-    photograph = not domain.startswith("log:")
-    return np.where((shown >= 1) & (left < 0), 0, left) if share == 1 and photograph else left
-
-
-def principal(left: Values, count: int) -> Array:
-    """Orthonormal factors (light, ≤ count) of the first principal components over lights."""
-    values, vectors = np.linalg.eigh((left @ left.T).astype(float))
-    return np.asarray(vectors[:, np.argsort(values)[::-1][:count]])
-
-
 def _psnr(predicted: Values, truth: Values, usable: Values) -> float:
     return metrics.psnr(np.clip(predicted, 0, 1), np.clip(truth, 0, 1), usable)
 
 
-def _tile(stack: Stack, material: Material, lights: Array, domain: str, share: float, box: samples.Box) -> Values:
-    """Remainder (light, texel · 3) of one tile."""
-    tile = samples.read(stack, box)
-    lobes = prediction.predict(material, stack, box, samples.training_lights(stack))
-    shown = compress(np.nan_to_num(tile.T), domain).transpose(2, 0, 1).reshape(len(lights), -1)
-    return remainder(shown, compress(lobes.reshape(len(lights), -1), domain), domain, share)
+@dataclass(frozen=True)
+class _Left:
+    """The remainder that the lobes of a fabric's material leave, and the maps of its residual."""
 
+    fabric: Fabric
+    lobes: Material
+    domain: str
+    choice: Choice
 
-def _components(stack: Stack, material: Material, lights: Array, domain: str, choice: Choice) -> Array:
-    """Factors (light, count) of the components, from the Gram matrix of all tiles."""
-    gram = np.zeros((len(lights), len(lights)))
-    for box in stack.tiles():
-        left = _tile(stack, material, lights, domain, choice.share, box)
-        left = left - left.mean(0)
-        gram += left @ left.T
-    values, vectors = np.linalg.eigh(gram)
-    return np.asarray(vectors[:, np.argsort(values)[::-1][: choice.components]])
+    def tile(self, box: Box) -> Values:
+        """Remainder (light, texel · 3) of one tile."""
+        lights = training_lights(self.fabric.stack)
+        tile = read_samples(self.fabric, box)
+        said = material_prediction.predict(self.lobes, self.fabric.stack, box, lights).reshape(len(lights), -1)
+        shown = by_light(np.nan_to_num(tile.under.reaching(tile.T)), self.domain)
+        return remainder(shown, compress(said, self.domain), self.domain, self.choice.share)
 
+    def components(self) -> Array:
+        """Factors (light, count) of the components, from the Gram matrix of all tiles."""
+        count = len(training_lights(self.fabric.stack))
+        gram = np.zeros((count, count))
+        for box in self.fabric.stack.tiles():
+            left = self.tile(box)
+            left = left - left.mean(0)
+            gram += left @ left.T
+        return leading(gram, self.choice.components)
 
-def _maps(stack: Stack, material: Material, lights: Array, domain: str, share: float, basis: Array) -> Values:
-    """Mean and components (count + 1, y, x, 3)."""
-    maps = np.zeros((basis.shape[1] + 1, stack.height, stack.width, 3), np.float32)
-    for y0, y1, x0, x1 in stack.tiles():
-        left = _tile(stack, material, lights, domain, share, (y0, y1, x0, x1))
-        mean = left.mean(0)
-        shape = (y1 - y0, x1 - x0, 3)
-        maps[0, y0:y1, x0:x1] = mean.reshape(shape)
-        maps[1:, y0:y1, x0:x1] = (basis.T @ (left - mean)).reshape(-1, *shape)
-        print(f"residual: tile {y0},{x0}", file=sys.stderr, flush=True)
-    return maps
+    def maps(self, basis: Array) -> Values:
+        """Mean and components (count + 1, y, x, 3)."""
+        stack = self.fabric.stack
+        maps = np.zeros((basis.shape[1] + 1, stack.height, stack.width, 3), np.float32)
+        for box in progress(stack.tiles(), "residual", "tiles"):
+            y0, y1, x0, x1 = box
+            left = self.tile(box)
+            mean = left.mean(0)
+            shape = (y1 - y0, x1 - x0, 3)
+            maps[0, y0:y1, x0:x1] = mean.reshape(shape)
+            maps[1:, y0:y1, x0:x1] = (basis.T @ (left - mean)).reshape(-1, *shape)
+        return maps
+
+    def material(self) -> Material:
+        """The material with its residual."""
+        basis = self.components()
+        channels = dict(self.lobes.channels)
+        for k, plane in enumerate(self.maps(basis)):
+            channels.update({f"residual{k}.{c}": np.ascontiguousarray(plane[..., i]) for i, c in enumerate("RGB")})
+        lights = self.fabric.stack.directions[training_lights(self.fabric.stack)]
+        splines = plates(lights, basis, self.choice.smoothing)
+        return replace(self.lobes, channels=channels, residual=Residual(self.domain, self.choice.share, *splines))

@@ -1,94 +1,98 @@
-"""Maps of how well the lights fix a fitted material: a standard deviation a channel, and what is not resolved."""
+"""Map the standard deviation of each channel of a fitted material, and the widths that the lights do not resolve."""
 
-import argparse
 import math
-import sys
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran import near, pictures
-from kinran.exr import write_exr
-from kinran.files import InputError, write_json
-from kinran.fit import samples, slope, trust, uncertainty
-from kinran.fit.lobes import LOBE_SIZE, narrowest
-from kinran.labels import read_labels, read_regions
-from kinran.stack import Stack
-from kinran_bsdf.material import SHAPES, Material, read_material
+from kinran.base import pictures
+from kinran.base.exr import write_exr
+from kinran.base.files import InputError, write_json
+from kinran.base.log import progress
+from kinran.data.fabric import Fabric
+from kinran.fit import gauss_newton, slope
+from kinran.fit.region_priors import Priors
+from kinran.fit.samples import Samples, read_samples
+from kinran.fit.slope import SlopeFit
+from kinran.fit.slope_lobes import Lobes
+from kinran.fit.solver.lobes import LOBE_SIZE, narrowest
+from kinran_bsdf.material import Material, read_material
+from kinran_bsdf.models import Slope
 
 Array = NDArray[np.float64]
 Map = NDArray[np.float32]
 
 UNSURE = 0.3
-"""Standard deviation of the logarithm of a lobe's area from which its width counts as not resolved."""
+"""Standard deviation of the logarithm of a lobe's area from which its width counts as not resolved. A choice."""
 AT_BOUND = 1.02
+"""Width of a lobe, over the least width that the lights resolve, up to which it counts as at that bound: rounding alone
+makes no more of it. A choice."""
 MAP_WIDTH = 200
+"""Pixels across each map of the picture."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the stage."""
-    parser.add_argument("--stack", type=Path, required=True, help="radiance stack (.zarr)")
-    parser.add_argument("--labels", type=Path, required=True, help="label map (.exr)")
-    parser.add_argument("--regions", type=Path, required=True, help="regions (.json)")
-    parser.add_argument("--prior", type=Path, required=True, help="priors of the regions (.json)")
-    parser.add_argument("--material", type=Path, required=True, help="slope material, without a residual (.exr)")
-    parser.add_argument("--summary", type=Path, required=True, help="medians of each region (.json)")
-    parser.add_argument("--picture", type=Path, required=True, help="the maps, for people (.png)")
-    parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("out", type=Path, help="maps sigma.CHANNEL and LOBE.unresolved (.exr)")
+@dataclass(frozen=True)
+class Inputs:
+    """Files that the stage reads."""
+
+    fabric: Annotated[Path, "folder of the fabric: radiance.zarr, labels.exr, regions.json"]
+    prior: Annotated[Path, "priors of the regions (.json)"]
+    material: Annotated[Path, "slope material, without a residual (.exr)"]
 
 
-def main(args: argparse.Namespace) -> None:
+@dataclass(frozen=True)
+class Outputs:
+    """Files that the stage writes."""
+
+    maps: Annotated[Path, "OUT", "maps sigma.CHANNEL and LOBE.unresolved (.exr)"]
+    summary: Annotated[Path, "medians of each region (.json)"]
+    picture: Annotated[Path, "the maps, for people (.png)"]
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of the run."""
+
+    threads: Annotated[int, "threads of this machine"] = 1
+
+
+def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
     """Write the maps, their medians by region and a picture."""
-    stack = Stack.open(args.stack)
-    labels = read_labels(args.labels)
-    material = read_material(args.material)
-    if material.model != "slope":
-        raise InputError(f"{args.material}: is of model {material.model}; give one of model slope")
-    priors = slope.read_priors(args.prior)
-    factors = trust.read(args.prior, [stack.lights[i] for i in samples.training_lights(stack)]).lights
+    fabric = Fabric(inputs.fabric)
+    stack, labels = fabric.stack, fabric.labels
+    material = read_material(inputs.material)
+    if not isinstance(material.reflection, Slope):
+        raise InputError(f"{inputs.material}: is of model {material.model}; give one of model {Slope.name}")
+    priors = Priors.read(inputs.prior, fabric)
+    least = AT_BOUND * slope.resolution(stack.directions[~stack.held_out], material.lobes)
     maps: dict[str, Map] = {}
-    for box in stack.tiles():
+    for box in progress(stack.tiles(), "sigma", "tiles"):
         y0, y1, x0, x1 = box
-        region = samples.cut(labels, box)
         part = material.part(slice(y0, y1), slice(x0, x1))
-        tile = samples.read(stack, box).weighed(factors)
-        for name, values in _tile(stack, part, tile, region, priors, args.threads).items():
+        tile = read_samples(fabric, box).weighed(priors.lights)
+        for name, values in _tile(part, tile, priors, least, options.threads).items():
             plane = maps.setdefault(name, np.zeros(labels.shape, np.float32))
             plane[y0:y1, x0:x1] = values.reshape(y1 - y0, x1 - x0)
-        print(f"sigma: tile {y0},{x0}", file=sys.stderr, flush=True)
-    write_exr(args.out, maps)
-    regions = {region.name: labels == region.label for region in read_regions(args.regions)}
-    write_json(args.summary, {name: summary(material, maps, inside) for name, inside in regions.items()})
-    pictures.write_png(args.picture, picture(material, maps))
+    write_exr(out.maps, maps)
+    regions = {region.name: labels == region.label for region in fabric.regions}
+    write_json(out.summary, {name: summary(material, maps, inside) for name, inside in regions.items()})
+    pictures.write_png(out.picture, picture(material, maps))
 
 
-def _tile(
-    stack: Stack,
-    part: Material,
-    tile: samples.Samples,
-    region: NDArray[np.intp],
-    priors: list[slope.Prior],
-    threads: int,
-) -> dict[str, Array]:
-    """Maps (texel,) of one tile."""
-    P, C = parameters(part)
-    stiffness = np.stack([prior.stiffness() for prior in priors])[region]
-    stiffness[C[:, :-1].max((1, 2)) <= 0] = 0  # a texture that was fitted without its prior
-    covariance = np.empty((len(P), P.shape[1] + 3 * C.shape[1], P.shape[1] + 3 * C.shape[1]))
-    for cell in near.cells(stack, tile.box, samples.training_lights(stack)):
-        at = cell.at
-        T = tile.T[at] if cell.factor is None else tile.T[at] / cell.factor[:, None]
-        covariance[at] = uncertainty.covariances(
-            P[at], C[at], T, tile.W[at], cell.lights, part.tail, stiffness[at], cell.slopes, threads
-        )
-    least = AT_BOUND * slope.resolution(stack.directions[samples.training_lights(stack)], part.lobes)
-    return {**deviations(part, P, covariance), **unresolved(P, C, covariance, least)}
+def _tile(part: Material, tile: Samples, priors: Priors, least: float, threads: int) -> dict[str, Array]:
+    """Maps (texel,) of one tile; `least` is the width that the lights resolve."""
+    fitted = parameters(part)
+    stiffness = np.stack([prior.stiffness() for prior in priors.regions])[tile.region]
+    stiffness[fitted.colours[:, :-1].max((1, 2)) <= 0] = 0  # a texture that was fitted without its prior
+    covariance = gauss_newton.covariances(fitted, tile, stiffness, threads)
+    return {**deviations(part, fitted.shapes, covariance), **unresolved(fitted, covariance, least)}
 
 
-def parameters(material: Material) -> tuple[Array, Array]:
-    """Shapes (texel, K) and colours (texel, lobes + 1, 3), in the stack's unit, that a slope material was made from."""
+def parameters(material: Material) -> SlopeFit:
+    """The fit, in the stack's unit, that a slope material was made from; its cost is not known, and NaN."""
     back = np.pi * np.linalg.inv(material.from_stack)
     (diffuse, normals), *lobes = material.terms()
     shapes = []
@@ -100,16 +104,17 @@ def parameters(material: Material) -> tuple[Array, Array]:
         shapes += [x, y, alpha, -xy / determinant * np.exp(-alpha), -0.5 * np.log(yy)]
     shapes += list(normals.reshape(-1, 2).T.astype(float))
     colours = [colour.reshape(-1, 3) @ back.T for colour, _ in [*lobes, (diffuse, normals)]]
-    return np.stack(shapes, 1), np.stack(colours, 1)
+    P = np.stack(shapes, 1)
+    return SlopeFit(Lobes(material.tail, material.lobes), P, np.stack(colours, 1), np.full(len(P), np.nan))
 
 
 def deviations(material: Material, shapes: Array, covariance: Array) -> dict[str, Array]:
-    """``sigma.CHANNEL`` (texel,) of each shape and colour; of a colour times its amplitude, in 1/sr."""
+    """Deviations ``sigma.CHANNEL`` (texel,) of each shape and colour; colours times their amplitudes, in 1/sr."""
     maps = {}
     for k in range(material.lobes):
         at = slice(LOBE_SIZE * k, LOBE_SIZE * (k + 1))
         sd = propagated(covariance[:, at, at], _of_widths(shapes[:, at]))
-        maps.update({f"sigma.lobe{k + 1}.{name}": sd[:, i] for i, name in enumerate(SHAPES["slope"])})
+        maps.update({f"sigma.lobe{k + 1}.{name}": sd[:, i] for i, name in enumerate(Slope.parameters)})
     size = shapes.shape[1]
     normal = slice(size - 2, size)
     sd = propagated(covariance[:, normal, normal], np.eye(2)[None])
@@ -122,7 +127,15 @@ def deviations(material: Material, shapes: Array, covariance: Array) -> dict[str
 
 
 def propagated(covariance: Array, jacobian: Array) -> Array:
-    """Standard deviations (texel, m) of values with these derivatives (texel or 1, m, n) by the parameters."""
+    """Standard deviations (texel, m) of values, from the covariance (texel, n, n) of parameters and its Jacobian.
+
+    Parameters
+    ----------
+    covariance : (texel, n, n)
+        Infinite on the diagonal where nothing fixes a parameter; values that depend on it are infinite, too.
+    jacobian : (texel or 1, m, n)
+        Derivatives of the values by the parameters.
+    """
     known = np.isfinite(np.diagonal(covariance, axis1=1, axis2=2))
     finite = np.where(known[:, :, None] & known[:, None], covariance, 0)
     J = np.broadcast_to(jacobian, (len(covariance), *jacobian.shape[1:]))
@@ -143,26 +156,26 @@ def _of_widths(lobe: Array) -> Array:
     return J
 
 
-def unresolved(shapes: Array, colours: Array, covariance: Array, least: float) -> dict[str, Array]:
-    """``LOBE.unresolved`` (texel,): 1 where the light grid cannot tell how wide a lobe is.
+def unresolved(fitted: SlopeFit, covariance: Array, least: float) -> dict[str, Array]:
+    """Maps ``LOBE.unresolved`` (texel,): 1 where the lights cannot tell how wide a lobe is.
 
-    It is no wider than `least`, half of the distance of two lights, along one of its axes; or the logarithm of its
-    area has a standard deviation over 0.3.
+    Such a lobe is no wider than `least`, the least width that the lights resolve, along one of its axes; or the
+    logarithm of its area has a standard deviation over 0.3.
     """
     maps = {}
-    for k in range(colours.shape[1] - 1):
+    for k in range(fitted.lobes.count):
         at = LOBE_SIZE * k
         alpha, gamma = at + 2, at + 4
         V = covariance[:, [[alpha], [gamma]], [[alpha, gamma]]]
         unsure = ~(V.sum((1, 2)) < UNSURE**2)
-        narrow = narrowest(shapes[:, at : at + LOBE_SIZE]) <= least
-        there = colours[:, k].max(1) > 0
+        narrow = narrowest(fitted.lobe(k)) <= least
+        there = fitted.colours[:, k].max(1) > 0
         maps[f"lobe{k + 1}.unresolved"] = (there & (narrow | unsure)).astype(float)
     return maps
 
 
 def summary(material: Material, maps: dict[str, Map], inside: NDArray[np.bool_]) -> dict[str, dict[str, float | None]]:
-    """Medians over the texels of a region that have the lobe: facets in degrees, colours relative to themselves."""
+    """Medians over the texels of a region that have the lobe: directions in degrees, amplitudes relative."""
     result = {}
     for k in range(1, material.lobes + 1):
         lobe = f"lobe{k}"
@@ -179,13 +192,13 @@ def summary(material: Material, maps: dict[str, Map], inside: NDArray[np.bool_])
 
 
 def normal_degrees(maps: dict[str, Map], lobe: str) -> Array:
-    """Standard deviation of a lobe's direction, in degrees."""
+    """Standard deviation (y, x) of a lobe's direction, in degrees."""
     x, y = (maps[f"sigma.{lobe}.{axis}"].astype(float) for axis in "xy")
     return np.asarray(np.degrees(np.arctan(np.hypot(x, y))))
 
 
 def relative(material: Material, maps: dict[str, Map], lobe: str) -> Array:
-    """Standard deviation of a lobe's strongest channel over its amplitude."""
+    """Largest standard deviation (y, x) of a lobe's three colours, over its amplitude."""
     sd = np.max([maps[f"sigma.{lobe}.{c}"] for c in "RGB"], axis=0)
     return np.asarray(sd / np.maximum(material.channels[f"{lobe}.amplitude"], 1e-12), float)
 
@@ -196,7 +209,7 @@ def _median(values: Array) -> float | None:
 
 
 def picture(material: Material, maps: dict[str, Map]) -> pictures.Picture:
-    """A row a lobe."""
+    """Picture of the maps, one row for each lobe."""
     rows = []
     for k in range(1, material.lobes + 1):
         lobe = f"lobe{k}"
@@ -211,5 +224,5 @@ def picture(material: Material, maps: dict[str, Map]) -> pictures.Picture:
 
 
 def _finite(values: Array, there: NDArray[np.bool_]) -> Array:
-    """Nothing where there is no lobe; what has no bound is as large as can be shown."""
+    """Values (y, x) to be shown: 0 where there is no lobe, 1e9 where the deviation has no bound."""
     return np.where(there, np.minimum(np.nan_to_num(values, posinf=1e9), 1e9), 0)

@@ -5,26 +5,47 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran import frames
-from kinran.fit import separable
+from kinran.base import frames
+from kinran.data.texel_directions import Under
+from kinran.fit.fitted_model import Channels, named
+from kinran.fit.samples import Samples
 
 Array = NDArray[np.float64]
 
 FLOOR = 0.05
-"""Samples below this share of the peak do not enter the widths: their logarithm is noise."""
+"""Share of the peak below which samples do not enter the widths: their logarithm is noise. A choice; the paper names
+none."""
 FLAT = 20.0
-"""dp of a lobe without an azimuth, which is what a peak at the pole leaves."""
+"""Width dp, in radians, of a lobe without an azimuth, as one at the pole is: nearly constant over φ. A choice."""
 
 
 @dataclass(frozen=True)
 class TakedaFit:
-    """Eq. 3 of each texel: shapes (texel, 4) θ_n, φ_n, dt, dp and colours (texel, 2, 3) C_s, C_d."""
+    """Parameters of Eq. 3: shapes (texel, 4) θ_n, φ_n, dt, dp in radians, and colours (texel, 2, 3) C_s, C_d."""
 
     shapes: Array
     colours: Array
+    numbers: float = 10
+    shared: int = 0
+
+    def predict(self, under: Under) -> NDArray[np.float32]:
+        """T (texel, 3, light) under some lights, without falloff, in the unit of the samples."""
+        T = np.empty((len(self.shapes), 3, under.count), np.float32)
+        for k, at in under.cells():
+            # of slopes (x, y) the angles are those of (x, y, 1)
+            theta_h, phi_h = frames.angles(np.concatenate([under.slopes[k], np.ones((under.count, 1))], 1))
+            theta, phi, dt, dp = self.shapes[at].T[..., None]
+            a, b = (theta_h - theta) / dt, frames.wrap(phi_h - phi) / dp
+            C_s, C_d = self.colours[at][:, 0, :, None], self.colours[at][:, 1, :, None]
+            T[at] = C_s * np.exp(-a * a - b * b)[:, None] + C_d * under.lights[k][:, 2]
+        return T
+
+    def channels(self) -> Channels:
+        """Channels (texel,) of the material's maps."""
+        return named(("theta", "phi", "dt", "dp"), self.shapes, self.colours)
 
 
-def four_steps(T: NDArray[np.float32], lights: Array, polar_tolerance: float, azimuth_tolerance: float) -> TakedaFit:
+def four_steps(samples: Samples, polar_tolerance: float, azimuth_tolerance: float) -> TakedaFit:
     """Fit Eq. 3 to samples by the four steps of the paper.
 
     Step 1 is read as Eq. 3 needs it: the half vector of the brightest light is the normal. Taken word for
@@ -32,13 +53,18 @@ def four_steps(T: NDArray[np.float32], lights: Array, polar_tolerance: float, az
 
     Parameters
     ----------
-    T : (texel, 3, light) float32
-        Radiance samples.
-    lights : (light, 3) float
-        Unit directions.
     polar_tolerance, azimuth_tolerance : float
-        Half widths, in radians, of what counts as the same θ_i and the same φ_i: half a step of a grid.
+        Largest differences, in radians, of equal θ_i and of equal φ_i: half a step of a grid.
     """
+    found = TakedaFit(np.empty((len(samples), 4)), np.empty((len(samples), 2, 3)))
+    for k, at in samples.under.cells():
+        part = _four_steps(samples.T[at], samples.under.lights[k], polar_tolerance, azimuth_tolerance)
+        found.shapes[at], found.colours[at] = part.shapes, part.colours
+    return found
+
+
+def _four_steps(T: NDArray[np.float32], lights: Array, polar_tolerance: float, azimuth_tolerance: float) -> TakedaFit:
+    """The four steps under lights (light, 3)."""
     theta, phi = frames.angles(lights)
     cosine = np.cos(theta)
     luminance = T.mean(1, dtype=float)
@@ -76,39 +102,3 @@ def _width(x: Array, fall: Array, used: NDArray[np.bool_], low: float, high: flo
     top, bottom = (square**2).sum(1), (square * fall).sum(1)
     width = np.sqrt(top / np.maximum(bottom, 1e-12))
     return np.where(bottom > 0, np.clip(width, low, high), default)
-
-
-LOW, HIGH = np.array([-0.2, -1e3, np.log(0.01), np.log(0.02)]), np.array([1.2, 1e3, np.log(3.0), np.log(FLAT)])
-"""Bounds of θ_n, φ_n, log dt and log dp in the joint fit."""
-
-
-def joint(
-    T: NDArray[np.float32], W: NDArray[np.float32], lights: Array, start: TakedaFit, wrap: bool = True
-) -> TakedaFit:
-    """Fit Eq. 3 by non-linear least squares over all samples, which the four steps only sample.
-
-    Parameters
-    ----------
-    T, W : (texel, 3, light), (texel, light) float32
-        Radiance samples and their weights.
-    lights : (light, 3) float
-        Unit directions.
-    start
-        From the four steps.
-    wrap
-        Whether φ_h − φ_n is wrapped to [−π, π]; the formula as printed does not say so.
-    """
-    half = frames.half_vector(lights)
-    theta, phi = frames.angles(half)
-
-    def lobe(p: Array) -> tuple[Array, Array]:
-        theta_n, phi_n, dt, dp = p[:, :1], p[:, 1:2], np.exp(p[:, 2:3]), np.exp(p[:, 3:])
-        turn = frames.wrap(phi - phi_n) if wrap else phi - phi_n
-        a, b = (theta - theta_n) / dt, turn / dp
-        G = np.exp(-a * a - b * b)
-        return G, 2 * G[:, None] * np.stack([a / dt, b / dp, a * a, b * b], 1)
-
-    first = np.concatenate([start.shapes[:, :2], np.log(start.shapes[:, 2:])], 1)
-    found = separable.fit(lobe, first[:, None], T, W, lights[:, 2], LOW, HIGH)
-    shapes = found.shapes[:, 0]
-    return TakedaFit(np.concatenate([shapes[:, :2], np.exp(shapes[:, 2:])], 1), found.colours)

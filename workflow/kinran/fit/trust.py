@@ -1,86 +1,64 @@
-"""What of a set is not to be trusted: lights that do not fit in with their neighbours, samples that are outliers.
+"""Find what not to trust in a set: lights that do not fit in with their neighbours, and samples that are outliers.
 
-Lobes are no exact model, and what they leave is not noise: a robust loss everywhere would cost more than it gains. But
+Lobes are no exact model, and their residual is not noise: a robust loss everywhere would cost more than it gains. But
 their residual is as smooth over the lights as a highlight is. A light that stands elsewhere than its list says, or
-flickered, leaves more than its neighbours do in most texels; an outlier leaves more in its own.
+flickered, has larger residuals than its neighbours in most texels; an outlier has them in its own texel.
 """
-
-import sys
-from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from kinran import frames
-from kinran.files import read_json
-from kinran.fit import reweighted, slope
-from kinran.fit.predict import predict
-from kinran.stack import Light
+from kinran.base import frames
+from kinran.fit import robust_weights, slope
+from kinran.fit.samples import Samples
+from kinran.fit.slope import SlopeFit
+from kinran.fit.slope_lobes import Lobes
 
 Array = NDArray[np.float64]
-Samples = NDArray[np.float32]
+Single = NDArray[np.float32]
 
 NEIGHBOURS = 6
+"""Number of neighbours that a light is compared with: a ring around it. A choice."""
 ODD = 2.0
-"""How much more than its neighbours a light may leave."""
+"""Residual of a light, over that of its neighbours, from which it loses weight (docs/fit.md, "What is trusted")."""
 ROUNDS = 2
+"""Fits after which lights lose weight; the second is made without what the first left out. A choice."""
 BETTER = 0.4
-"""Share of the smooth part of the squares of least squares under which Huber's loss is taken for all texels."""
+"""Smoothed squared residual of Huber's fit, over that of least squares, under which all texels take Huber's loss
+(docs/fit.md, "What is trusted")."""
 
 
-@dataclass(frozen=True)
-class Trust:
-    """What the fits take of a set.
+def learn(samples: Samples, lobes: Lobes, threads: int) -> tuple[Single, bool]:
+    """Learn which lights to trust and whether samples are outliers, from free fits to a sample of texels.
 
-    Attributes
-    ----------
-    lights : (light,) float32
-        Factors of the weights of each light's samples.
-    outliers
-        Whether the loss is Huber's.
+    Returns
+    -------
+    factors : (light,) float32
+        Factor of the weights of each light's samples.
+    outliers : bool
+        Whether Huber's loss is better than least squares.
     """
-
-    lights: Samples
-    outliers: bool
-
-    def row(self, lights: list[Light]) -> dict[str, Any]:
-        """What a file says of it: the lights that have not their full weight, by name."""
-        odd = {light.name: round(float(w), 4) for light, w in zip(lights, self.lights, strict=True) if w < 1}
-        return {"lights": odd, "outliers": self.outliers}
-
-
-def read(path: Path, lights: list[Light]) -> Trust:
-    """What the file of the priors says of these lights."""
-    row = read_json(path)["trust"]
-    return Trust(np.array([row["lights"].get(light.name, 1) for light in lights], np.float32), row["outliers"])
-
-
-def learn(T: Samples, W: Samples, lights: Array, tail: str, lobes: int, threads: int) -> Trust:
-    """What to trust, by free fits to a sample of texels; parameters as of `kinran.fit.slope.fit`."""
-    near = cKDTree(frames.slopes(lights)).query(frames.slopes(lights), min(NEIGHBOURS + 1, len(lights)))[1]
-    factors = np.ones(len(lights), np.float32)
-    if len(lights) <= NEIGHBOURS or not len(T):
-        return Trust(factors, False)
-    fit = partial(slope.fit, lobes=lobes, threads=threads)
-    free = fit(T, W, lights, tail)
+    s = frames.slopes(samples.under.directions)
+    near = cKDTree(s).query(s, min(NEIGHBOURS + 1, len(s)))[1]
+    factors = np.ones(len(s), np.float32)
+    if len(s) <= NEIGHBOURS or not len(samples):
+        return factors, False
+    free = slope.fit(samples, lobes, threads=threads)
     for _ in range(ROUNDS):
-        found = np.minimum(1, (ODD / oddness(_left(T, W, free, lights, tail), near)) ** 2).astype(np.float32)
+        found = np.minimum(1, (ODD / oddness(_left(samples, free), near)) ** 2).astype(np.float32)
         if (found == factors).all():
             break
         factors = found
-        free = fit(T, W * factors, lights, tail)
-    W = W * factors
-    huber = reweighted.robust(T, W, lights, tail, fit)[0]
-    smooth = [_smooth(_left(T, W, fitted, lights, tail), W, near) for fitted in (huber, free)]
-    return Trust(factors, smooth[0] < BETTER * smooth[1])
+        free = slope.fit(samples.weighed(factors), lobes, threads=threads)
+    samples = samples.weighed(factors)
+    huber, _ = robust_weights.robust(samples, lobes, threads=threads)
+    smooth = [_smooth(_left(samples, fitted), samples.W, near) for fitted in (huber, free)]
+    return factors, bool(smooth[0] < BETTER * smooth[1])
 
 
 def oddness(left: Array, near: NDArray[np.intp]) -> Array:
-    """How much more each light leaves, in the median of the texels, than its neighbours.
+    """Residual (light,) of each light, in the median of the texels, over that of its neighbours.
 
     Parameters
     ----------
@@ -93,20 +71,13 @@ def oddness(left: Array, near: NDArray[np.intp]) -> Array:
     return np.asarray(own / np.maximum(np.median(own[near[:, 1:]], 1), 1e-12))
 
 
-def _left(T: Samples, W: Samples, fitted: slope.SlopeFit, lights: Array, tail: str) -> Array:
-    size = np.linalg.norm(np.nan_to_num(T) - predict(fitted, lights, tail), axis=1)
-    return np.where(W > 0, size, np.nan)
+def _left(samples: Samples, fitted: SlopeFit) -> Array:
+    """Size (texel, light) of the residuals of a fit; NaN where a sample is not used."""
+    size = np.linalg.norm(np.nan_to_num(samples.T) - fitted.predict(samples.under), axis=1)
+    return np.where(samples.W > 0, size, np.nan)
 
 
-def _smooth(left: Array, W: Samples, near: NDArray[np.intp]) -> float:
-    """Sum of the squares of residuals, each the median of its neighbourhood."""
+def _smooth(left: Array, W: Single, near: NDArray[np.intp]) -> float:
+    """Weighted sum of the squares of residuals, each replaced by the median of its neighbourhood."""
     known = np.nan_to_num(left)
     return float((W * np.median(known[:, near], 2) ** 2).sum())
-
-
-def say(trust: Trust, lights: list[Light]) -> None:
-    """Tell which lights do not fit in, and whether there are outliers."""
-    for name, weight in trust.row(lights)["lights"].items():
-        print(f"light {name}: does not fit in with its neighbours; weight {weight:.2g}", file=sys.stderr)
-    if trust.outliers:
-        print("some samples are outliers: the fit takes Huber's loss", file=sys.stderr)

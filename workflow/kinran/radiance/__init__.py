@@ -1,1 +1,1 @@
-"""From frames of a camera to linear radiance with its noise: calibration, merge and stack."""
+"""The radiance stack: merged group by group, completed, made coarser, exported."""

@@ -1,67 +1,76 @@
 """Export a radiance stack: one OpenEXR file a light, linear ACEScg, unclipped, with the metadata of its colours.
 
-Half float, ZIP, which every program reads; the stack stays the store. Saturated samples are lower bounds.
+The files are half float with ZIP compression, which every program reads. Saturated samples are lower bounds.
 """
 
-import argparse
 import json
-import sys
+import logging
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from kinran.files import InputError, atomic
-from kinran.radiance.calibration import read_calibration
-from kinran.radiance.colour_chart import apply
-from kinran.stack import LARGEST, Stack
+from kinran.base.files import InputError, atomic
+from kinran.base.log import progress
+from kinran.calibrate.colour_chart import apply
+from kinran.data.calibration import read_calibration
+from kinran.data.radiance_stack import LARGEST, Stack
 
-Image = NDArray[np.float32]
+log = logging.getLogger(__name__)
 
 AP1 = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)
-"""Chromaticities of ACEScg: R, G, B and white."""
+"""Chromaticities (x, y) of ACEScg: R, G, B and white."""
 UNSAFE = '/\\:*?"<>|\0'
+"""Characters that some file system does not allow in names."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the command."""
-    parser.add_argument("stack", type=Path, metavar="STACK.zarr")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--lights", default="", metavar="NAME,NAME,…", help="those to export; all without it")
-    help_ = "calibration whose root polynomial, where it has one, takes the place of the stack's matrix"
-    parser.add_argument("--calibration", type=Path, metavar="FILE.json", help=help_)
+@dataclass(frozen=True)
+class Inputs:
+    stack: Annotated[Path, "STACK.zarr", "radiance stack"]
+    calibration: Annotated[
+        Path | None,
+        "--calibration FILE.json",
+        "calibration whose root polynomial, where it has one, takes the place of the stack's matrix",
+    ] = None
 
 
-def main(args: argparse.Namespace) -> None:
+@dataclass(frozen=True)
+class Options:
+    lights: Annotated[str, "--lights NAME,NAME,…", "lights to export; all without it"] = ""
+
+
+def main(inputs: Inputs, out: Annotated[Path, "--out DIR", "folder to write"], options: Options = Options()) -> None:
     """Write the files."""
-    stack = Stack.open(args.stack)
+    stack = Stack.open(inputs.stack)
     matrix = stack.to_acescg
-    if args.calibration:
-        root = read_calibration(args.calibration).root_polynomial
+    if inputs.calibration:
+        root = read_calibration(inputs.calibration).root_polynomial
         matrix = np.array(root) if root else matrix
     names = [light.name for light in stack.lights]
-    wanted = args.lights.split(",") if args.lights else names
-    for k, name in enumerate(wanted):
+    wanted = options.lights.split(",") if options.lights else names
+    for name in progress(wanted, "export", "lights"):
         if name not in names:
-            raise InputError(f"{args.stack}: has no light '{name}'; it has {names[0]} to {names[-1]}")
+            raise InputError(f"{inputs.stack}: has no light '{name}'; it has {names[0]} to {names[-1]}")
         safe = "".join("_" if letter in UNSAFE else letter for letter in name)
-        write_light(args.out / f"{safe}.exr", stack, names.index(name), matrix)
-        if sys.stderr.isatty():
-            print(f"\rlight {k + 1} of {len(wanted)}", end="", file=sys.stderr, flush=True)
-    print(f"\r{len(wanted)} lights in {args.out}", file=sys.stderr)
+        write_light(out / f"{safe}.exr", stack, names.index(name), matrix)
+    log.info("%d lights in %s", len(wanted), out)
 
 
 def write_light(path: Path, stack: Stack, index: int, matrix: NDArray[np.float64]) -> None:
-    """Write the picture of a light, upright; checked by reading it back.
+    """Write the picture of a light, upright, and check it by reading it back.
 
     Raises
     ------
     InputError
         The folder cannot be written to.
+    OSError
+        The file reads back changed.
     """
-    radiance, _ = stack.read_tile(0, stack.height, 0, stack.width, [index])
-    colours = apply(matrix, radiance[0, ::-1].astype(float))
+    radiance = stack.read_tile(0, stack.height, 0, stack.width, [index]).value[0]
+    colours = apply(matrix, radiance[::-1].astype(float))
     half = np.ascontiguousarray(np.clip(colours, -LARGEST, LARGEST).astype(np.float16))
     header = light_header(stack, index)
     with atomic(path) as temporary:
@@ -73,7 +82,7 @@ def write_light(path: Path, stack: Stack, index: int, matrix: NDArray[np.float64
 
 
 def light_header(stack: Stack, index: int) -> dict[str, object]:
-    """Attributes of a light's file."""
+    """Return the header attributes of a light's file."""
     light = stack.lights[index]
     header: dict[str, object] = {
         "compression": OpenEXR.ZIP_COMPRESSION,

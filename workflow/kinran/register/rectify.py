@@ -1,4 +1,4 @@
-"""Bring every view to the fabric's plane: one resampling, through the surface's height, and what shift is left."""
+"""Bring every view to the fabric's plane by one resampling through its height, and measure the shift that is left."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.files import InputError
+from kinran.base.files import InputError
 from kinran.register.cameras import Cameras
 from kinran.register.target import CENTRE
 
@@ -14,12 +14,14 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 PATCH, STEP = 64, 48
-"""Texels of the patches whose shift is measured, and from one patch to the next."""
+"""Side in texels of the patches whose shift is measured, and distance from one to the next: large enough for a texture,
+small enough for many. The floor below is measured with them."""
 RESPONSE = 0.4
-"""Height of the correlation's peak, 1 for equal patches, below which a patch has nothing to hold on to."""
+"""Height of the correlation's peak, 1 for equal patches, below which a patch has no texture in common. No measurement
+stands behind the height."""
 FLOOR = 0.07
-"""Pixels of the front view: the median that is measured at 60° between views that are registered by the true surface
-of a simulated session, where the light on the gold differs from view to view."""
+"""Least shift that can be told, in pixels of the front view: the median that is measured at 60° between views that are
+registered by the true surface of a simulated session, where the light on the gold differs from view to view."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class Grid:
     Attributes
     ----------
     width, height
-        In texels.
+        Size in texels.
     texel
         Side of a texel in mm.
     """
@@ -79,23 +81,23 @@ def check_inside(cameras: Cameras, grid: Grid) -> None:
 
 
 def rectify(cameras: Cameras, view: int, picture: Image, grid: Grid, height: Array) -> Image:
-    """What a view shows of each texel of the surface.
+    """Resample a view at the texels of the surface.
 
     Parameters
     ----------
     cameras, view
-        The view, calibrated.
+        Calibrated cameras, and the index of the view.
     picture : (y, x) or (y, x, channel) float32
         Linear light, **top row first**, as the camera gave it: nothing is resampled before or after.
     grid
-        Texels.
+        Texels of the surface.
     height : (y, x) float
         Height of each texel in mm.
 
     Returns
     -------
     (y, x) or (y, x, channel) float32
-        Row 0 is v = 0; cubic interpolation.
+        Linear light by cubic interpolation; row 0 is v = 0.
     """
     pixels = cameras.project(view, grid.surface(height)) - CENTRE
     return sample(picture, pixels)
@@ -112,14 +114,14 @@ def shifts(one: Image, other: Image, texel: float) -> Array:
 
     The cross-power spectrum is divided by the square root of its magnitude, not by all of it: that gives the
     frequencies in which the patches hold nothing but noise less to say. The peak is then found between the texels by
-    the Fourier series itself [Guizar-Sicairos 2008]: a parabola through three texels would pull it towards the middle.
+    the Fourier series itself [GuizarSicairos2008]: a parabola through three texels would pull it towards the middle.
 
     Parameters
     ----------
     one, other : (y, x) float32
-        Grey.
+        Grey pictures.
     texel
-        In mm.
+        Side of a texel in mm.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The target around the fabric: a plate of known corners, and where a photograph shows them.
+"""The target around the fabric: a plate of known corners, and their detection in a photograph.
 
 Board coordinates are the fabric's: millimetres from the middle of the plate, X to the right, Y up, Z towards the
 camera. Pixels are counted from the corner of the picture, so that the middle of its first pixel is (0.5, 0.5):
@@ -15,31 +15,33 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from kinran.code import ROOT
-from kinran.files import InputError
+from kinran.base.files import InputError
+from kinran.base.project import ROOT
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 SCHEMA = ROOT / "workflow" / "schemas" / "board.schema.yaml"
 CENTRE = 0.5
-"""Of the first pixel; pycolmap counts so, OpenCV counts from 0."""
+"""Position of the first pixel's middle: pycolmap counts so, OpenCV counts from 0."""
 LEAST = 12
-"""Corners of one view that a pose is trusted to."""
+"""Fewest corners of a view that its pose is trusted to: 24 numbers for the 6 of the pose. No measurement stands behind
+it."""
 SPREAD = 0.25
-"""Of the plate that the corners of one view must span, along its shorter side."""
+"""Share of the plate's width and of its height that the corners of a view must span: from a corner of the plate alone a
+pose is a guess at its other end. No measurement stands behind the share."""
 
 
 @dataclass(frozen=True)
 class Board:
-    """A target.
+    """A target: corners of known position around the opening for the fabric.
 
     Attributes
     ----------
     kind
         ``charuco`` or ``aruco``.
     points : (corner, 3) float
-        In mm; Z = 0.
+        Positions in mm; Z = 0.
     usable : (corner,) bool
         False where the opening cuts into the corner.
     aperture
@@ -62,11 +64,11 @@ class Corners:
     Attributes
     ----------
     name
-        Of the view.
+        Name of the view.
     ids : (n,) int
-        Which corner of the board.
+        Index of each corner on the board.
     pixels : (n, 2) float
-        x from the left, y from the top; the middle of the first pixel is (0.5, 0.5).
+        Positions, x from the left, y from the top; the middle of the first pixel is (0.5, 0.5).
     """
 
     name: str
@@ -136,7 +138,7 @@ def make_board(spec: dict[str, Any]) -> Board:
 def detect(board: Board, grey: Grey, name: str) -> Corners:
     """Find the board's corners in a picture.
 
-    They are taken as the detector refines them. It fits its window to the markers; a second refinement with a
+    Corners are taken as the detector refines them. It fits its window to the markers; a second refinement with a
     window of fixed size reaches over the margin of a foreshortened marker and moves corners by pixels.
 
     Parameters
@@ -144,9 +146,9 @@ def detect(board: Board, grey: Grey, name: str) -> Corners:
     board
         The target.
     grey : (y, x) uint8
-        Top row first.
+        Picture, top row first.
     name
-        Of the view, for errors.
+        Name of the view, for errors.
 
     Raises
     ------

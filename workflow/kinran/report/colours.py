@@ -1,20 +1,19 @@
-"""What the report says of colour: the chart's patches as seen and as they should be, and how far they are apart."""
+"""The section of the report on colour: the chart's patches beside their references, and the ΔE00 between them."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
-from kinran import pictures
-from kinran.radiance.calibration import Calibration
-from kinran.radiance.colour_chart import COLUMNS, PATCHES
-from kinran.report import charts
+from kinran.base import pictures
+from kinran.calibrate.colour_chart import COLUMNS, PATCHES
+from kinran.data.calibration import Calibration
+from kinran.report import drawings
 from kinran_bsdf.colours import TO_REC709
 
 
 def chart_section(calibration: Calibration) -> dict[str, Any] | None:
-    """Values of the section on the colour chart; None where there is none."""
+    """Values of the section on the colour chart; None without a chart."""
     patches = calibration.chart
     if not patches:
         return None
@@ -33,11 +32,15 @@ def chart_section(calibration: Calibration) -> dict[str, Any] | None:
         (PATCHES[k], _css(patch.colour), _css(patch.reference), patch.delta_e, patch.left_out)
         for k, patch in enumerate(patches)
     ]
-    return {"swatches": Markup(charts.swatches(cells, COLUMNS)), "rows": rows, "note": _note(calibration)}
+    return {
+        "swatches": drawings.swatches(cells, COLUMNS).svg("Colour chart: seen beside its reference"),
+        "rows": rows,
+        "note": _note(calibration),
+    }
 
 
 def _note(calibration: Calibration) -> str:
-    """Which map from the camera's RGB to colours is used for what."""
+    """Sentences on which map from camera RGB to colours is used where."""
     matrix = "The material and all that follows from it have the 3×3 matrix, which is exact for sums of light."
     if calibration.root_polynomial is None:
         return f"{matrix} A root polynomial would not be better."

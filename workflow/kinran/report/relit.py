@@ -1,9 +1,8 @@
 """The section of the report in which a reader moves the light: the fitted material, relit on a grid of lights.
 
-The pictures are what `kinran_bsdf.models.relight` says, tiles of one sheet; the page blends the four nearest.
+The pictures come from `kinran_bsdf.relight.relight` and are tiles of one sheet; the page blends the four nearest.
 """
 
-import base64
 import io
 import math
 from typing import Any
@@ -12,16 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from kinran import pictures
+from kinran.base import pictures
+from kinran.base.page import data_url
 from kinran_bsdf.colours import TO_REC709
 from kinran_bsdf.material import Material
-from kinran_bsdf.models import relight
+from kinran_bsdf.relight import relight
 
 SIDE = 17
 """Lights along each axis of (l_x, l_y)."""
 MOST = 112
-"""Texels along the longer side of what is shown."""
+"""Most texels along each side of a picture."""
 QUALITY = 85
+"""Quality of the sheet's WebP, of 100."""
 
 
 def relit_section(material: Material) -> dict[str, Any]:
@@ -33,7 +34,7 @@ def relit_section(material: Material) -> dict[str, Any]:
     Image.fromarray(sheet).save(buffer, "WEBP", quality=QUALITY)
     height, width = part.size
     return {
-        "sheet": "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode(),
+        "sheet": data_url(buffer.getvalue(), "webp"),
         "side": SIDE,
         "width": width,
         "height": height,
@@ -53,7 +54,7 @@ def middle(material: Material) -> Material:
 def grid(theta_max: float) -> NDArray[np.float64]:
     """Directions (SIDE², 3) evenly spaced in (l_x, l_y), row by row from the top left of the picture.
 
-    What would be lower than the lowest light that was measured is moved up to it.
+    Directions below the lowest measured light are moved up to its height.
     """
     rim = math.sin(theta_max)
     along = np.linspace(-rim, rim, SIDE)

@@ -1,1 +1,1 @@
-"""The rig: a goniometer that speaks HID and a camera."""
+"""The rig: a goniometer that speaks HID, real or simulated, and the interface of a camera."""

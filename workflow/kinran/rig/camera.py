@@ -1,4 +1,4 @@
-"""What capture asks of a camera, real or simulated."""
+"""The interface of a camera, real or simulated, for capture."""
 
 from pathlib import Path
 from typing import Protocol
@@ -33,4 +33,4 @@ class Camera(Protocol):
 
 
 class CameraError(Exception):
-    """The camera did not do what it was asked; the message says what and what to do."""
+    """Failure of the camera; the message says what happened and the remedy."""

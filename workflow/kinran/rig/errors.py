@@ -1,4 +1,4 @@
-"""What can go wrong with the rig; every message is one sentence: what happened and what to do."""
+"""Errors of the rig; every message is one sentence: what happened and the remedy."""
 
 from kinran.rig.protocol import Fault, Opcode, Status
 
@@ -6,18 +6,18 @@ _REMEDY = {
     Fault.ESTOP: "release the emergency stop",
     Fault.LIMIT_SWITCH: "move the axis off its switch by hand",
     Fault.STALL: "look for what blocks the axis",
-    Fault.LAMP_OUT: "look after the lamp",
-    Fault.WATCHDOG: "the host was silent for too long",
-    Fault.SHUTTER: "look after the shutter",
+    Fault.LAMP_OUT: "check the lamp",
+    Fault.WATCHDOG: "find out why the host was silent for too long",
+    Fault.SHUTTER: "check the shutter",
     Fault.OVERHEATED: "let the lamp cool",
     Fault.INTERLOCK: "close the door",
     Fault.XSYNC_MISSING: "check the cable between camera and rig",
-    Fault.COLLISION: "look where the arms stand",
+    Fault.COLLISION: "check where the arms stand",
 }
 
 
 class RigError(Exception):
-    """The rig did not do what it was asked."""
+    """Failure of the rig."""
 
 
 class LimitError(RigError):
@@ -29,7 +29,7 @@ class RigTimeoutError(RigError):
 
 
 class DisconnectedError(RigError):
-    """The rig is gone."""
+    """The rig is disconnected."""
 
 
 class RebootedError(RigError):

@@ -33,15 +33,16 @@ Injection = Literal[
 Answer = tuple[Status, bytes]
 
 LATE_S = 0.2
+"""Seconds by which an injected late reply is late: more than the driver waits for one."""
 
 
 class Firmware(Machine):
-    """A goniometer at its power switch.
+    """The firmware of a simulated goniometer, from power-on.
 
     Parameters
     ----------
     seed
-        As of `Machine`.
+        Seed of the small errors of mechanics and encoders.
     serial
         Serial number in IDENT.
     capabilities
@@ -68,7 +69,7 @@ class Firmware(Machine):
         self.reboot(cause=0)
 
     def reboot(self, cause: int = 2) -> None:
-        """Start anew: pose unknown, lamp off, another boot id."""
+        """Restart: pose unknown, lamp off, another boot id."""
         self._start = self.pose
         self._reset()
         self.boot = int.from_bytes(os.urandom(4), "little") or 1
@@ -78,11 +79,11 @@ class Firmware(Machine):
         self._hung = False
 
     def inject(self, *kinds: Injection | None) -> None:
-        """Queue misbehaviour for the commands to come, one each; None is a command left alone."""
+        """Queue faults for the next commands, one each; None leaves a command alone."""
         self._injected.extend(kinds)
 
     def on_event(self) -> None:
-        """Send an EVENT."""
+        """Queue an EVENT report for the host."""
         if not self._hung:
             event = Report(ReportId.EVENT, job=self._job, boot=self.boot, payload=self.state().pack())
             self.outbox.append(event.pack())
@@ -99,7 +100,7 @@ class Firmware(Machine):
     # -- reports -------------------------------------------------------------------------------------
 
     def on_output(self, data: bytes) -> None:
-        """Take one output report."""
+        """Handle one output report."""
         if data[:1] == bytes([ReportId.ESTOP]):
             self.trip(Fault.ESTOP)
             return
@@ -127,7 +128,7 @@ class Firmware(Machine):
         self._send(reply, injected)
 
     def get_feature(self, report: int) -> bytes | None:
-        """Answer a feature request; None is no answer."""
+        """Return the answer to a feature request; None for no answer."""
         if self._hung:
             return None
         match report:
@@ -142,7 +143,7 @@ class Firmware(Machine):
         return Report(report, job=self._job, boot=self.boot, payload=payload).pack()
 
     def set_feature(self, data: bytes) -> bool:
-        """Take a CONFIG; whether it was accepted."""
+        """Handle a CONFIG feature; return whether it was accepted."""
         try:
             report = Report.unpack(data)
             config = Config.unpack(report.payload)

@@ -1,4 +1,4 @@
-"""The driver of the goniometer: what the host says to the rig, real or simulated."""
+"""The host's driver of the goniometer, real or simulated."""
 
 import os
 import struct
@@ -39,16 +39,25 @@ from kinran.rig.protocol import (
 from kinran.rig.transport import Handle
 
 TRIES = 3
+"""Times that a command is sent with the same seq (docs/rig.md, Rules)."""
 REPLY_S = 0.15
+"""Seconds that a reply may take: 150 of the bus's intervals of 1 ms (docs/rig.md, Rules)."""
 READ_MS = 20
+"""Time-out of a read: short, so that the lock is soon free for the heartbeat, and never 0, which would block for
+ever."""
 HEARTBEAT_S = 0.25
+"""Seconds between commands that feed the watchdog: seven may be lost before it trips (docs/rig.md, Rules)."""
 WATCHDOG_MS = 2000
+"""Milliseconds of silence of the host after which the rig stops and closes its shutter (docs/rig.md, Rules)."""
 SLACK = 1.2
-"""A job is asked after when it takes longer than this times its predicted time, plus a second."""
+"""Factor on a job's predicted time after which, and after a second more, the host asks for its state: a choice."""
 
 HOMING_S = 60.0
+"""Seconds that homing may take: the slowest axis crosses its range in 24 s at its top speed."""
 ALL_AXES = 0b1111
+"""Mask of all axes."""
 LIGHT_AXES = 0b0011
+"""Mask of the axes of the light arm."""
 
 
 class Goniometer:
@@ -68,7 +77,7 @@ class Goniometer:
     Attributes
     ----------
     state
-        What the rig said of itself last.
+        Last state that the rig reported.
     boot
         Boot id of the firmware that `hello` found.
     retries
@@ -89,14 +98,14 @@ class Goniometer:
         self._told = clock()
 
     def hello(self) -> State:
-        """Meet the rig: forget stale reports, learn its boot id, identity and limits, set its watchdog.
+        """Greet the rig: drop stale reports, read its boot id, identity and limits, set its watchdog.
 
-        What an earlier host that died left running is stopped, and the watchdog's fault cleared; others stay.
+        A job that a dead host left running is stopped, and the watchdog's fault is cleared; other faults stay.
 
         Raises
         ------
         RigError
-            It does not answer, or speaks another protocol.
+            The rig does not answer, or speaks another protocol.
         """
         self._drain()
         self.boot = 0
@@ -125,7 +134,7 @@ class Goniometer:
             self._handle.close()
 
     def status(self) -> State:
-        """State over the control pipe, which works when the interrupt pipe is stuck."""
+        """Read the state over the control pipe, which works when the interrupt pipe is stuck."""
         self._learn(self._feature(ReportId.STATUS))
         return self.state
 
@@ -167,7 +176,7 @@ class Goniometer:
         Raises
         ------
         LimitError
-            It is outside.
+            The pose is outside.
         """
         for i, value in enumerate((theta_mdeg, phi_mdeg)):
             low, high = (self.config.low[i], self.config.high[i]) if self.config else (AXES[i].low, AXES[i].high)
@@ -178,7 +187,7 @@ class Goniometer:
                 )
 
     def move(self, theta_mdeg: int, phi_mdeg: int) -> State:
-        """Move the light arm, and give the pose that the encoders measured in `State.position`.
+        """Move the light arm; `State.position` of the result is the pose that the encoders measured.
 
         Raises
         ------
@@ -187,7 +196,7 @@ class Goniometer:
         OffTargetError
             The arm came to rest more than 20 mdeg off its target, twice.
         RigError
-            Anything else.
+            The move failed for another reason.
         """
         self.check(theta_mdeg, phi_mdeg)
         targets: Four = (theta_mdeg, phi_mdeg, 0, 0)
@@ -203,12 +212,12 @@ class Goniometer:
         )
 
     def check_fault(self) -> None:
-        """Raise the fault that the rig said it has.
+        """Raise the fault that the rig last reported.
 
         Raises
         ------
         FaultError
-            It has one.
+            The rig has a fault.
         """
         if self.state.fault:
             raise FaultError(self.state.fault, self.state.fault_axis)
@@ -224,7 +233,7 @@ class Goniometer:
             self._write(estop_report())
 
     def clear(self) -> State:
-        """Clear the fault that the rig says it has, having seen it."""
+        """Clear the fault that the rig last reported."""
         self._command(Opcode.CLEAR, struct.pack("<H", self.state.fault), faulted=True)
         return self.state
 
@@ -239,19 +248,19 @@ class Goniometer:
         Raises
         ------
         RigError
-            It does not become warm in time.
+            The lamp does not become warm in time, or the rig has a fault.
         """
         until = self._clock() + limit_s
         while not self.state.has(Flag.LAMP_WARM):
             if self._clock() > until:
-                raise RigError(f"the lamp is not warm after {limit_s / 60:g} minutes; look after it")
+                raise RigError(f"the lamp is not warm after {limit_s / 60:g} minutes; check it")
             self.wait(5.0)
             self.status()
             self.check_fault()
         return self.state
 
     def wait(self, seconds: float) -> None:
-        """Let time pass and listen to the rig."""
+        """Wait, and take the rig's reports meanwhile."""
         until = self._clock() + seconds
         while (left := until - self._clock()) > 0:
             self._listen(max(1, min(500, round(left * 1000))))
@@ -267,15 +276,15 @@ class Goniometer:
         Raises
         ------
         RigError
-            It does not, or the rig has a fault.
+            The shutter moved by itself, or the rig has a fault.
         """
         self.ping()
         self.check_fault()
         if self.state.has(Flag.SHUTTER) != is_open:
-            raise RigError("the lamp's shutter moved by itself; look after it, then run the capture again")
+            raise RigError("the lamp's shutter moved by itself; check it, then run the capture again")
 
     def intensity(self, seconds: float = 0.1) -> int:
-        """Photodiode at the lamp, averaged over `seconds`."""
+        """Return the counts of the photodiode at the lamp, averaged over `seconds`."""
         self._job(Opcode.INTENSITY, struct.pack("<H", round(seconds * 1000)), seconds)
         return self.state.photodiode
 
@@ -285,7 +294,7 @@ class Goniometer:
         return self._job(Opcode.EXPOSE, batch.pack(), sum(exposures_s) + gap_s * len(exposures_s))
 
     def _job(self, opcode: Opcode, payload: bytes, seconds: float) -> State:
-        """Run a job to its end, which an event tells, or the status when the event was lost."""
+        """Run a job to its end, which an event reports, or the status where the event was lost."""
         job = self._command(opcode, payload).job
         overdue = self._clock() + SLACK * seconds + 1.0
         while self.state.job == job and self.state.job_state == JobState.RUNNING:
@@ -300,7 +309,7 @@ class Goniometer:
         return self.state
 
     def _command(self, opcode: Opcode, payload: bytes = b"", faulted: bool = False) -> Report:
-        """Send a command until its reply comes; the rig executes it once, however often it hears it."""
+        """Send a command until its reply comes; the rig executes it once, however often it receives it."""
         with self._lock:
             self._seq = self._seq % 0xFFFF + 1
             command = Report(ReportId.COMMAND, self._seq, opcode, boot=self.boot, payload=payload).pack()
@@ -323,7 +332,7 @@ class Goniometer:
         return reply
 
     def _await(self, seq: int, opcode: Opcode) -> Report | None:
-        """The reply to this command; a stale or damaged one is passed over."""
+        """Wait for the reply to a command; stale and damaged reports are ignored."""
         until = self._clock() + REPLY_S
         while self._clock() < until:
             report = self._listen(READ_MS)
@@ -336,11 +345,11 @@ class Goniometer:
         return None
 
     def _listen(self, timeout_ms: int) -> Report | None:
-        """Next report, or None when there was none or it was damaged."""
+        """Return the next report, or None where none came or it was damaged."""
         with self._lock:
             try:
                 data = bytes(self._handle.read(REPORT, timeout_ms))
-            except OSError:  # unplugged, or a signal came: the control pipe knows
+            except OSError:  # unplugged, or a signal came: the control pipe tells which
                 self._feature(ReportId.STATUS)
                 return None
         try:
@@ -368,7 +377,7 @@ class Goniometer:
             raise DisconnectedError("the rig takes no commands; check its cable, then run the capture again")
 
     def _feature(self, report: ReportId) -> Report:
-        """A feature, whose CRC is checked: a broken gadget answers with zeros."""
+        """Read a feature and check its CRC: a broken gadget answers with zeros."""
         try:
             with self._lock:
                 data = bytes(self._handle.get_feature_report(report, REPORT))
@@ -382,7 +391,7 @@ class Goniometer:
             raise RigError(f"the rig's {report.name} is damaged ({error}); switch it off and on") from None
 
     def _drain(self) -> None:
-        """Drop what was queued before this host came."""
+        """Drop reports that were queued before this host connected."""
         with self._lock:
             for _ in range(100):
                 try:

@@ -1,7 +1,7 @@
 """The body of the simulated goniometer: arms, lamp, shutter and jobs on a virtual clock.
 
-Time passes only through `Machine.advance`. What a camera before it would see is public: `pose`,
-`lamp_output`, `shutter_open`.
+Time passes only through `Machine.advance`. The state that a camera sees is public: `pose`, `lamp_output`,
+`shutter_open`.
 """
 
 import math
@@ -14,30 +14,36 @@ from kinran.rig.motion import AXES, move_time, travel_time, travelled
 from kinran.rig.protocol import Config, Expose, Fault, Flag, Four, JobState, Move, Opcode, State, Status
 
 WARM_UP_S = 1800.0
+"""Seconds after which the lamp counts as warm: half an hour, as for a real xenon lamp."""
 HOMING_S = 5.0
+"""Duration of simulated homing in seconds: made up."""
 PHOTODIODE = 100_000
+"""Counts of the photodiode at the lamp's nominal light, so that a count is 10⁻⁵ of it."""
 CLEARANCE_MDEG = 8_000
+"""Least angle in millidegrees between the light arm and the camera arm: made up."""
 NO_AXIS = 0xFF
+"""Axis of a fault that has none (docs/rig.md, status block)."""
 _ALL_AXES = 0b1111
 _IDLE_EVENT_S, _MOVING_EVENT_S = 1.0, 0.1
+"""Seconds between events, at rest and in motion (docs/rig.md, Protocol)."""
 
 
 class Machine:
-    """The body.
+    """Arms, lamp, shutter and jobs of a simulated goniometer.
 
     Parameters
     ----------
     seed
-        Seeds the small errors of mechanics and encoders; the same target always gets the same ones.
+        Seed of the small errors of mechanics and encoders; the same target always gets the same ones.
 
     Attributes
     ----------
     lamp_factor
-        What the lamp gives of its nominal light; for tests.
+        Share of its nominal light that the lamp gives; tests change it.
     release
-        What the camera's release line fires: takes the shutter time.
+        Function that the camera's release line calls with the shutter time in seconds.
     jobs_done
-        Jobs that came to their end, with the pose there.
+        Jobs that came to their end, with the pose there in millidegrees.
     """
 
     def __init__(self, seed: int = 0) -> None:
@@ -57,7 +63,7 @@ class Machine:
         self._reset()
 
     def _reset(self) -> None:
-        """As after switching on: pose unknown, lamp off."""
+        """Set the state after power-on: pose unknown, lamp off."""
         self._booted = self._fed = self._now
         self._end = self._start
         self._encoder_error: tuple[float, ...] = (0.0,) * 4
@@ -78,9 +84,9 @@ class Machine:
         self._next_event = self._now + _IDLE_EVENT_S
 
     def on_event(self) -> None:
-        """Tell the host."""
+        """Report an event to the host."""
 
-    # -- what stands before the camera ---------------------------------------------------------------
+    # -- what a camera sees --------------------------------------------------------------------------
 
     @property
     def clock(self) -> float:
@@ -121,7 +127,7 @@ class Machine:
         return lamp_output(self.lamp_seconds) * self.lamp_factor if self.lamp_on else 0.0
 
     def sync(self) -> None:
-        """An X-sync edge from the camera: one exposure was taken."""
+        """Count an X-sync edge of the camera: one exposure was taken."""
         self._exposures += 1
 
     # -- faults from outside -------------------------------------------------------------------------
@@ -144,7 +150,7 @@ class Machine:
     # -- time ----------------------------------------------------------------------------------------
 
     def advance(self, seconds: float) -> None:
-        """Let time pass, with all that falls due in it."""
+        """Let time pass, with all events that fall due."""
         until = self._now + seconds
         while True:
             due, act = min(self._timers(), key=lambda timer: timer[0])
@@ -155,7 +161,7 @@ class Machine:
         self._now = until
 
     def next_due(self) -> float:
-        """Clock of the next thing that happens by itself."""
+        """Return the clock, in seconds, at which the next timer falls due."""
         return min(due for due, _ in self._timers())
 
     def _timers(self) -> list[tuple[float, Callable[[], None]]]:
@@ -175,7 +181,7 @@ class Machine:
     # -- state ---------------------------------------------------------------------------------------
 
     def state(self) -> State:
-        """The STATUS block."""
+        """Return the STATUS block."""
         flags = self._homed << Flag.HOMED
         if self._job_state is JobState.RUNNING:
             moving = (a != b for a, b in zip(self._start, self._end, strict=True))
@@ -315,7 +321,7 @@ class Machine:
         self._releases.clear()
 
     def _fraction(self) -> float:
-        """Of the path of the running job; the slowest axis sets the pace."""
+        """Return the share of the running job's path that is done; the slowest axis sets the pace."""
         paths = [
             (travel_time(b - a, axis.speed, axis.acceleration), b - a, axis)
             for a, b, axis in zip(self._start, self._end, AXES, strict=True)
@@ -327,7 +333,7 @@ class Machine:
         return target + 3 * self._jitter(axis, target, b"mechanics")
 
     def _jitter(self, axis: int, target: int, salt: bytes) -> float:
-        """A number in [-1, 1] that belongs to this target."""
+        """Return a pseudo-random number in [-1, 1] that depends on the target alone."""
         digest = zlib.crc32(struct.pack("<qBi", self.seed, axis, target) + salt)
         return digest / 0x7FFFFFFF - 1
 
@@ -338,7 +344,10 @@ class Machine:
 
 
 def lamp_output(seconds: float) -> float:
-    """Relative light of the simulated xenon lamp, `seconds` after it was lit; near 1 once warm."""
+    """Return the relative light of the simulated xenon lamp, `seconds` after it was lit; near 1 once warm.
+
+    Its warm-up, breathing and ageing are made up.
+    """
     warming = -0.15 * math.exp(-seconds / 300)
     breathing = 0.004 * math.sin(2 * math.pi * seconds / 1500) + 0.002 * math.sin(seconds / 37)
     ageing = -0.01 * seconds / 36_000
@@ -346,7 +355,7 @@ def lamp_output(seconds: float) -> float:
 
 
 def _collides(start: tuple[float, ...], end: tuple[float, ...]) -> bool:
-    """Whether the light arm meets the camera arm on the way; at its rest on N the camera is out of reach."""
+    """Return whether the light arm meets the camera arm on the way; a camera arm at rest on N is out of reach."""
     if max(abs(start[2]), abs(end[2])) < 1000:
         return False
     before, after = start[0] - start[2], end[0] - end[2]

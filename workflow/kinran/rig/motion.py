@@ -1,8 +1,13 @@
-"""The axes of the rig and how long they take: trapezoid speed profiles, all axes arriving at once."""
+"""The axes of the rig and the duration of their moves: trapezoid speed profiles, all axes arriving at once."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+
+
+def mdeg(degrees: float) -> int:
+    """Return degrees as whole millidegrees."""
+    return round(1000 * degrees)
 
 
 @dataclass(frozen=True)
@@ -22,13 +27,16 @@ AXES = (
     Axis("camera θ", -75_000, 75_000, 10_000, 20_000),
     Axis("camera φ", -360_000, 360_000, 30_000, 60_000),
 )
+"""Axes of the simulated rig, from which a plan's duration is computed, too; a real rig states its own limits (CONFIG).
+They are made up: the paper gives no speeds."""
 SETTLE_S = 0.2
+"""Seconds that an arm rests before an exposure, for vibrations to die away. No measurement stands behind them."""
 ON_TARGET_MDEG = 20
-"""How far from its target an axis may come to rest."""
+"""Largest distance in millidegrees from its target at which an axis may rest: a 250th of a step of the paper's grid."""
 
 
 def travel_time(distance: float, speed: float, acceleration: float) -> float:
-    """Seconds for one axis to travel `distance` from rest to rest."""
+    """Return the seconds of one axis for `distance` in mdeg from rest to rest, at mdeg/s and mdeg/s²."""
     distance = abs(distance)
     if distance <= speed**2 / acceleration:
         return 2 * math.sqrt(distance / acceleration)
@@ -36,7 +44,7 @@ def travel_time(distance: float, speed: float, acceleration: float) -> float:
 
 
 def travelled(distance: float, speed: float, acceleration: float, seconds: float) -> float:
-    """Fraction of `distance` covered after `seconds`, in [0, 1]."""
+    """Return the fraction of `distance` that is covered after `seconds`, in [0, 1]; units as in `travel_time`."""
     total = travel_time(distance, speed, acceleration)
     if seconds >= total:
         return 1.0
@@ -51,5 +59,5 @@ def travelled(distance: float, speed: float, acceleration: float, seconds: float
 
 
 def move_time(start: Sequence[float], end: Sequence[float], axes: Sequence[Axis] = AXES) -> float:
-    """Seconds of a coordinated move between two poses in millidegrees, without settling."""
+    """Return the seconds of a coordinated move between two poses in millidegrees, without settling."""
     return max(travel_time(b - a, axis.speed, axis.acceleration) for a, b, axis in zip(start, end, axes, strict=False))

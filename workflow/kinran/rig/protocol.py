@@ -11,11 +11,17 @@ from enum import IntEnum
 from typing import Self
 
 REPORT = 64
+"""Bytes of a report, and the most that an interrupt endpoint of a full-speed USB device takes at once."""
 PAYLOAD = 48
+"""Bytes of a report's payload: what header and CRC leave."""
 VERSION = 1
+"""Version of the protocol."""
 VALIDATE_ONLY = 1
+"""Flag of a command that is only checked, not executed."""
 COORDINATED = 1
+"""Flag of a move whose axes arrive at once."""
 USAGE_PAGE, USAGE = 0xFF4B, 0x01
+"""HID usage of the rig, on a page reserved for vendors."""
 
 Four = tuple[int, int, int, int]
 
@@ -29,7 +35,7 @@ _CONFIG = struct.Struct("<8i4H4BH")
 
 
 class ProtocolError(ValueError):
-    """Bytes are not a report of this protocol."""
+    """Bytes that are not a report of this protocol."""
 
 
 class ReportId(IntEnum):
@@ -45,7 +51,7 @@ class ReportId(IntEnum):
 
 
 class Status(IntEnum):
-    """What a REPLY says about its command."""
+    """Status codes of a REPLY."""
 
     OK = 0
     ACCEPTED = 1
@@ -63,7 +69,7 @@ class Status(IntEnum):
 
 
 class Opcode(IntEnum):
-    """Commands."""
+    """Opcodes of commands."""
 
     NOP = 0x00
     HELLO = 0x01
@@ -148,7 +154,7 @@ class Report:
     payload: bytes = b""
 
     def pack(self) -> bytes:
-        """The 64 bytes of this report."""
+        """Return the 64 bytes of the report."""
         if len(self.payload) > PAYLOAD:
             raise ProtocolError(f"a payload of {len(self.payload)} bytes does not fit in {PAYLOAD}")
         header = _HEADER.pack(
@@ -186,7 +192,7 @@ def _fields(layout: struct.Struct, data: bytes, what: str) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class State:
-    """The STATUS block: what the rig knows of itself, in every event and most replies."""
+    """The STATUS block: the rig's state, in every event and most replies (docs/rig.md has the units)."""
 
     uptime_ms: int = 0
     position: Four = (0, 0, 0, 0)
@@ -204,7 +210,7 @@ class State:
     following_error: int = 0
 
     def pack(self) -> bytes:
-        """The 48 bytes of the block."""
+        """Return the 48 bytes of the block."""
         return _STATE.pack(
             self.uptime_ms,
             *self.position,
@@ -229,7 +235,7 @@ class State:
         return cls(v[0], (v[1], v[2], v[3], v[4]), *v[5:])
 
     def has(self, flag: Flag) -> bool:
-        """Whether a single-bit flag is set."""
+        """Return whether a single-bit flag is set."""
         return bool(self.flags >> flag & 1)
 
     @property
@@ -254,7 +260,7 @@ class Move:
     flags: int = COORDINATED
 
     def pack(self) -> bytes:
-        """The 36 bytes of the payload."""
+        """Return the 36 bytes of the payload."""
         return _MOVE.pack(self.mask, self.flags, self.settle_ms, *self.targets, *self.speeds)
 
     @classmethod
@@ -272,7 +278,7 @@ class Expose:
     gap_ms: int = 0
 
     def pack(self) -> bytes:
-        """The 36 bytes of the payload."""
+        """Return the 36 bytes of the payload."""
         if not 1 <= len(self.open_us) <= 8:
             raise ProtocolError(f"a batch has 1 to 8 exposures, not {len(self.open_us)}")
         padded = [*self.open_us, *[0] * (8 - len(self.open_us))]
@@ -299,7 +305,7 @@ class Ident:
     minor: int = 0
 
     def pack(self) -> bytes:
-        """The 25 bytes of the payload."""
+        """Return the 25 bytes of the payload."""
         name = self.serial.encode("ascii")
         return _IDENT.pack(self.major, self.minor, self.firmware, self.capabilities, name, self.reset_cause)
 
@@ -324,9 +330,9 @@ class Config:
     speeds
         Top speeds, in units of 10 mdeg/s.
     accelerations
-        In deg/s².
+        Accelerations in deg/s².
     watchdog_ms
-        Watchdog at start-up.
+        Watchdog's time at start-up in milliseconds.
     """
 
     low: Four
@@ -336,7 +342,7 @@ class Config:
     watchdog_ms: int
 
     def pack(self) -> bytes:
-        """The 46 bytes of the payload."""
+        """Return the 46 bytes of the payload."""
         limits = [v for pair in zip(self.low, self.high, strict=True) for v in pair]
         return _CONFIG.pack(*limits, *self.speeds, *self.accelerations, self.watchdog_ms)
 
@@ -354,12 +360,12 @@ class Config:
 
 
 def estop_report() -> bytes:
-    """The emergency stop: no CRC, no seq, so that nothing can refuse it."""
+    """Return the emergency stop, which has no CRC and no seq, so that nothing can refuse it."""
     return bytes([ReportId.ESTOP]).ljust(REPORT, b"\0")
 
 
 def descriptor() -> bytes:
-    """The HID report descriptor of the rig."""
+    """Return the HID report descriptor of the rig."""
     head = bytes([0x06, USAGE_PAGE & 0xFF, USAGE_PAGE >> 8, 0x09, USAGE, 0xA1, 0x01])
     head += bytes([0x15, 0x00, 0x26, 0xFF, 0x00, 0x75, 0x08, 0x95, REPORT - 1])
     kinds = {ReportId.COMMAND: 0x91, ReportId.ESTOP: 0x91, ReportId.REPLY: 0x81, ReportId.EVENT: 0x81}

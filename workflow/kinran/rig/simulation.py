@@ -8,13 +8,13 @@ from kinran.rig.goniometer import Goniometer
 from kinran.rig.transport import Backend, SimulatedHid
 
 FRAME_S = 1.0
-"""Seconds that a frame takes besides its exposure: the floor of libgphoto2."""
-
+"""Seconds that a frame takes besides its exposure, the same as `kinran.capture.grid.CAMERA_S`."""
 _SLICE_S = 1.0
+"""Seconds of virtual time between two commands that feed the watchdog, which trips after 2 s."""
 
 
 def simulated_goniometer(firmware: Firmware, backend: Backend = "hidraw") -> Goniometer:
-    """The driver on a simulated rig, living on its virtual clock."""
+    """Return the driver of a simulated rig, on the rig's virtual clock."""
     return Goniometer(SimulatedHid(firmware, backend), clock=lambda: firmware.clock, live=False)
 
 
@@ -36,11 +36,11 @@ class PacedCamera:
         self._rig = rig
 
     def place(self, subject: str) -> None:
-        """As `Camera.place`."""
+        """Ask for a subject; see `Camera.place`."""
         self._camera.place(subject)
 
     def expose(self, seconds: float) -> None:
-        """As `Camera.expose`."""
+        """Take one frame while the rig's time passes; see `Camera.expose`."""
         self._camera.expose(seconds)
         self._firmware.sync()
         left = seconds + FRAME_S
@@ -50,13 +50,13 @@ class PacedCamera:
             left -= _SLICE_S
 
     def card(self) -> list[str]:
-        """As `Camera.card`."""
+        """Return the files on the card; see `Camera.card`."""
         return self._camera.card()
 
     def download(self, name: str, to: Path) -> None:
-        """As `Camera.download`."""
+        """Copy a file from the card; see `Camera.download`."""
         self._camera.download(name, to)
 
     def delete(self, name: str) -> None:
-        """As `Camera.delete`."""
+        """Delete a file on the card; see `Camera.delete`."""
         self._camera.delete(name)

@@ -1,4 +1,4 @@
-"""HID handles: the real device through hidapi, and the simulated one with hidapi's habits.
+"""HID handles: the real device through hidapi, and a simulated one that behaves like hidapi.
 
 hidapi reports a failed write as -1 without an exception, a timed-out read as [], and blocks for ever on
 ``read(n)`` and ``read(n, 0)``: a time-out is never left out here.
@@ -21,27 +21,28 @@ VENDOR, PRODUCT = 0x1209, 0x0001
 """The test pair of pid.codes; the real pair comes from the configuration."""
 
 UDEV_RULE = "70-kinran-rig.rules"
+"""File of the rule in docs/rig.md that lets users open the rig."""
 Backend = Literal["hidraw", "libusb"]
 
 
 class TransportError(Exception):
-    """No handle could be opened; the message says why and what to do."""
+    """No handle can be opened; the message says why and the remedy."""
 
 
 class Handle(Protocol):
-    """What the driver needs of a HID handle: the methods of ``hid.device``."""
+    """The interface of a HID handle to the driver: methods of ``hid.device``."""
 
     def write(self, data: bytes) -> int:
-        """Send an output report; the number of bytes, or -1."""
+        """Send an output report; return the number of bytes, or -1."""
 
     def read(self, max_length: int, timeout_ms: int) -> list[int]:
-        """Next input report, or [] after the time-out."""
+        """Return the next input report, or [] after the time-out."""
 
     def send_feature_report(self, data: bytes) -> int:
-        """Set a feature; the number of bytes, or -1."""
+        """Set a feature; return the number of bytes, or -1."""
 
     def get_feature_report(self, report_num: int, max_length: int) -> list[int]:
-        """Get a feature.
+        """Return a feature.
 
         Raises
         ------
@@ -54,12 +55,12 @@ class Handle(Protocol):
 
 
 def hid_module() -> Any:
-    """The module of hidapi: ``hidraw`` (the kernel's driver, in the Linux wheel) or else ``hid``.
+    """Return the module of hidapi: ``hidraw`` (the kernel's driver, in the Linux wheel) or else ``hid``.
 
     Raises
     ------
     TransportError
-        Neither is there, or another package's ``hid`` hides it.
+        Neither is installed, or another package's ``hid`` hides it.
     """
     names = ["hidraw", "hid"] if sys.platform == "linux" else ["hid"]
     for name in names:
@@ -113,12 +114,12 @@ def open_hid(serial: str | None = None, vendor: int = VENDOR, product: int = PRO
 
 @contextmanager
 def rig_lock(serial: str) -> Iterator[None]:
-    """Hold the rig for this process: hidraw would let two programs drive it.
+    """Lock the rig for this process: hidraw would let two programs drive it.
 
     Raises
     ------
     TransportError
-        Another program has it.
+        Another program drives the rig, or the lock's file cannot be opened.
     """
     folder = Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir())
     name = "".join(c if c.isalnum() or c in "-_" else "_" for c in serial)
@@ -137,9 +138,9 @@ def rig_lock(serial: str) -> Iterator[None]:
 
 
 class SimulatedHid:
-    """A handle on a simulated rig, with the habits of one of hidapi's Linux back-ends.
+    """A handle on a simulated rig that behaves like one of hidapi's Linux back-ends.
 
-    Waiting passes the virtual time of the firmware, so that nothing here takes real time.
+    Waiting advances the firmware's virtual clock, so that it takes no real time.
     """
 
     def __init__(self, firmware: Firmware, backend: Backend = "hidraw") -> None:
@@ -161,7 +162,7 @@ class SimulatedHid:
         return len(data)
 
     def read(self, max_length: int, timeout_ms: int = 0) -> list[int]:
-        """Next input report; a time-out of 0 would block for ever on a real handle and is an error here."""
+        """Return the next input report; a time-out of 0, which would block for ever on a real handle, is an error."""
         self._check_open()
         if timeout_ms <= 0:
             raise RuntimeError("read without a time-out blocks for ever")
@@ -185,7 +186,7 @@ class SimulatedHid:
         return len(data)
 
     def get_feature_report(self, report_num: int, max_length: int) -> list[int]:
-        """Get a feature; an unanswered request takes 5 s (hidraw) or 1 s (libusb)."""
+        """Return a feature; an unanswered request takes 5 s (hidraw) or 1 s (libusb)."""
         self._check_open()
         self._check_plugged("get feature error")
         answer = self.firmware.get_feature(report_num)
@@ -207,7 +208,7 @@ class SimulatedHid:
             raise OSError(message)
 
     def _collect(self) -> None:
-        """Take what the firmware sent; hidraw keeps the oldest 63 reports, libusb the newest 32."""
+        """Queue what the firmware sent; hidraw keeps the oldest 63 reports, libusb the newest 32."""
         outbox = self.firmware.outbox
         while outbox:
             self._queue.append(outbox.popleft())

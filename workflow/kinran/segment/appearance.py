@@ -5,12 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.stack import SATURATED, Stack
+from kinran.data.radiance import SATURATED
+from kinran.data.radiance_stack import Stack
 
 Map = NDArray[np.float32]
 Features = NDArray[np.float64]
 
 LEAST_LIGHTS = 3
+"""Fewest lights that a median is taken of: with three it passes over one odd sample."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class Appearance:
     def features(self) -> Features:
         """Log chroma (R/G, B/G), log luminance and shininess, each of unit spread; (texel, 4).
 
-        One photograph tells threads apart by their shading; these hold whatever way a thread faces.
+        In one photograph threads differ by their shading; these features hold whatever way a thread faces.
         """
         floor = 1e-3 * max(float(np.percentile(self.median, 99)), 1e-6) + 1e-6
         m = np.log(np.maximum(self.median.astype(float), 0) + floor)
@@ -55,9 +57,9 @@ def over_lights(stack: Stack) -> Appearance:
     median = np.zeros((stack.height, stack.width, 3), np.float32)
     peak, middle = np.zeros(median.shape[:2], np.float32), np.zeros(median.shape[:2], np.float32)
     for y0, y1, x0, x1 in stack.tiles():
-        radiance, flags = stack.read_tile(y0, y1, x0, x1, lights=use)
-        radiance = np.nan_to_num(radiance, posinf=0, neginf=0)
-        clipped = ((flags[high] & SATURATED) > 0).any(-1)
+        seen = stack.read_tile(y0, y1, x0, x1, lights=use)
+        radiance = np.nan_to_num(seen.value, posinf=0, neginf=0)
+        clipped = seen[high].texels_with(SATURATED)
         median[y0:y1, x0:x1] = median_unclipped(radiance[high] / cosine[high, None, None, None], clipped)
         middle[y0:y1, x0:x1], peak[y0:y1, x0:x1] = np.percentile(radiance.mean(-1), (40, 98), axis=0)
     return Appearance(median, peak, middle)

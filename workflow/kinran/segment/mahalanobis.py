@@ -17,16 +17,31 @@ Array = NDArray[np.float64]
 Labels = NDArray[np.intp]
 
 SHRINKAGE = 0.5
+"""Share of a region's own covariance beside the one that all share. Of the virtual brocade's labels (`kinran
+chart-regions`) 97.9 to 98.0 % are right at any share from 0 to 0.75, and 97.4 % at 1. Half keeps regions of few texels
+from dying."""
 RIDGE = 1e-3
+"""Variance that is added to features of unit spread. The brocade's labels are right to 97.9 % from 1e-3 to 0.1; at 1e-4
+and less one of its four regions is not found."""
 CORE = 0.8
+"""Share of a region's texels, the nearest, that its covariance is made of. The brocade's labels are right to 97.9 %
+from 0.5 to 0.9, and to 97.5 % when all of a region's texels count."""
 STARTS, ROUNDS = 10, 20
+"""Runs of k-means with seeds of their own, and most rounds of refinement, which end before where nothing changes. The
+brocade's regions are the same after 1, 3, 10 and 30 runs."""
 SAMPLE = 10_000
-"""Texels that the search for regions looks at."""
+"""Texels that the search for regions looks at. The brocade's labels are as right (97.9 %) after a search of 2500 of its
+6400 texels."""
 NEIGHBOURS = 4.0
-"""Squared distance that a region gains when all of a texel's 3 × 3 neighbourhood is in it."""
+"""Squared distance that a region gains when all of a texel's 3 × 3 neighbourhood is in it. It changes none of the
+brocade's labels as they are; where 30 % of noise is laid on its statistics, right labels go from 96.8 % to 96.9 %."""
 MOST = 8
+"""Most regions that are found unasked: a robe has a handful of kinds of thread. A choice; more can be asked for."""
 VALLEY = 0.5
+"""Density between two regions, over the lower of their hills, under which they are two. The brocade's four kinds of
+thread are found at any ratio from 0.2 to 0.8, and six at 0.9."""
 FAR = 1e30
+"""Squared distance to a region that has no texel left."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +69,7 @@ def estimate(features: Array, labels: Labels, count: int, distances: Array | Non
     labels : (texel,) int
         Texels with a negative label belong to no region.
     distances : (texel, count) float, optional
-        With them, a region's core alone is taken: the nearest 80 % of its texels.
+        Squared distances; with them, a region is made of its core alone, the nearest 80 % of its texels.
     """
     d = features.shape[1]
     means, covariances, sizes = np.full((count, d), np.inf), np.zeros((count, d, d)), np.zeros(count)
@@ -75,7 +90,7 @@ def estimate(features: Array, labels: Labels, count: int, distances: Array | Non
 
 
 def kmeans(features: Array, count: int) -> Labels:
-    """Labels (texel,) of the best of ten k-means runs with fixed seeds."""
+    """Labels (texel,) of the best of `STARTS` runs of k-means with fixed seeds."""
     labels = np.zeros(len(features), np.intp)
     best = np.inf
     for seed in range(STARTS if count > 1 else 0):
@@ -110,9 +125,9 @@ def refine(features: Array, labels: Labels, count: int, fixed: Labels | None = N
 
 
 def settle(distances: Array, shape: tuple[int, int]) -> Labels:
-    """Labels (texel,): the nearest region, where neighbours speak for theirs when distances are close.
+    """Label texels with the nearest region, where a region gains from texels of it in the 3 × 3 neighbourhood.
 
-    It is the distances that decide inside threads; the neighbours settle texels that noise leaves between two.
+    Distances decide inside threads; neighbours settle the texels that noise leaves between two regions.
     """
     count = distances.shape[1]
     labels = distances.argmin(1)
@@ -147,12 +162,12 @@ def grow(features: Array, fixed: Labels, count: int) -> Regions:
 
 
 def sample(features: Array) -> Array:
-    """At most 10,000 texels, evenly through the map."""
+    """At most `SAMPLE` texels, evenly through the map."""
     return features[np.linspace(0, len(features) - 1, min(SAMPLE, len(features))).astype(np.intp)]
 
 
 def choose_count(features: Array, least: int) -> int:
-    """Largest number of regions up to 8 of which every two have a valley between them.
+    """Largest number of regions, up to `MOST`, of which every two have a valley between them.
 
     Two kinds of thread are two hills of density; a third cut through one hill is no third kind. The valley is
     looked for along Fisher's direction and counts when its density is under half that of the lower hill.
@@ -197,10 +212,10 @@ def valley(features: Array, labels: Labels, a: int, b: int) -> float:
 
 
 def confidence(distances: Array, labels: Labels) -> Array:
-    """How sure a label (texel,) is: d₂² / (d₁² + d₂²) of its squared distance d₁² and the best other one's d₂².
+    """Confidence (texel,) in labels: d₂² / (d₁² + d₂²), with distances d₁ to the label's region and d₂ to the next.
 
-    On the virtual fabric it reads as the probability that the label is right; posteriors of Gaussians there
-    say 1 to nearly all texels, as shading is none.
+    On the virtual fabric it reads as the probability that the label is right; posteriors of Gaussians are 1 there for
+    nearly all texels, as shading is not Gaussian.
     """
     if distances.shape[1] == 1:
         return np.ones(len(labels))
@@ -221,9 +236,9 @@ def membership(distances: Array, labels: Labels, shape: tuple[int, int]) -> tupl
     Returns
     -------
     second : (texel,) int
-        The label itself where no other region is near.
+        Second region; the label itself where no other region is near.
     share : (texel,) float
-        In [0.5, 1]; 1 where no other region is near.
+        Share of the first region, in [0.5, 1]; 1 where no other region is near.
     """
     count = distances.shape[1]
     rows = np.arange(len(labels))

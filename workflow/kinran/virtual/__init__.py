@@ -1,1 +1,1 @@
-"""The virtual rig: a path-traced woven fabric before a simulated camera."""
+"""The virtual rig: a path-traced woven fabric before a simulated camera, and the scan of a draped cloth."""

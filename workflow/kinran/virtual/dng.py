@@ -9,9 +9,11 @@ import tifffile
 from numpy.typing import NDArray
 
 MODEL = "Virtual"
+"""Camera model in EXIF."""
 RGGB = (0, 1, 1, 2)
-# XYZ (D65) to camera, as DNG wants it; of the profile of a common APS-C camera, ×10⁴
+"""Colours (0 red, 1 green, 2 blue) of the first two sites of the first two rows."""
 COLOUR_MATRIX = (7054, -1501, -990, -8156, 15544, 2812, -1278, 1414, 7796)
+"""XYZ (D65) to camera, × 10⁴ as in DNG, of the profile of a common APS-C camera. Nothing in Kinran reads it."""
 
 
 def write_dng(
@@ -35,17 +37,17 @@ def write_dng(
     bayer : (h, w) uint16
         Counts, top row first; the first `border` rows are covered by a mask.
     seconds
-        Shutter time for EXIF.
+        Nominal shutter time in seconds, for EXIF.
     black, white
-        Levels for the tags.
+        Levels in counts, for the tags.
     when
         EXIF date, ``YYYY:MM:DD HH:MM:SS``.
     pattern
         Colours (0 red, 1 green, 2 blue) of the first two sites of the first two rows under the mask.
     orientation
-        EXIF's: 1 upright, 3, 6 and 8 for a camera that was turned.
+        EXIF's orientation: 1 upright; 3, 6 and 8 for a camera that was turned.
     encoded
-        The counts as a lossless JPEG; without it they are stored as they are.
+        The counts as a lossless JPEG; None to store them uncompressed.
     """
     height, width = bayer.shape
     matrix = [part for value in COLOUR_MATRIX for part in (value, 10_000)]

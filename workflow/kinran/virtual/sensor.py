@@ -1,4 +1,4 @@
-"""A 12-bit Bayer sensor behind a mechanical shutter: what makes counts of radiance, faults included."""
+"""A 12-bit Bayer sensor behind a mechanical shutter: counts of radiance, faults included."""
 
 import hashlib
 import math
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 Image = NDArray[np.float32]
 
 CROSSTALK = np.array([[0.62, 0.27, 0.04], [0.14, 0.79, 0.12], [0.02, 0.20, 0.66]])
-"""Linear Rec. 709 to the camera's R, G, B; white reads most in green, as with real cameras."""
+"""Linear Rec. 709 to the camera's R, G, B: made up, so that white reads most in green, as with real cameras, and the
+calibration has a matrix to find."""
 BORDER = 8
 """Rows above the picture that a mask covers."""
 SITES = ((0, 0, 0), (0, 1, 1), (1, 0, 1), (1, 1, 2))
@@ -20,30 +21,30 @@ SITES = ((0, 0, 0), (0, 1, 1), (1, 0, 1), (1, 1, 2))
 
 @dataclass(frozen=True)
 class Sensor:
-    """Electrons, counts and defects.
+    """Sensor of a 12-bit camera of the paper's kind; its numbers are made up.
 
     Attributes
     ----------
     full_well
-        Electrons of the brightest count.
+        Electrons at the highest count.
     gain
         Electrons per count.
     read
         Read noise in electrons.
     black, black_drift
-        Level of darkness in counts, and the standard deviation of its offset from frame to frame.
+        Black level in counts, and the standard deviation of its offset from frame to frame.
     brightest
-        Radiance (π·T) of green that fills the well in 1/4096 s.
+        Radiance (π·T) of green that fills the well in 1/4096 s under nominal light.
     prnu
         Relative standard deviation of the pixels' response.
     hot
         Share of pixels with a dark current of thousands of electrons a second.
     flicker
-        Relative standard deviation of the lamp from frame to frame.
+        Relative standard deviation of the lamp's light from frame to frame.
     glare
         Share of the picture's mean light that the lens spreads evenly over it.
     vignetting
-        Loss of light in the corners.
+        Relative loss of light in the corners.
     banding
         Exposure of the top rows relative to that of the middle, minus 1, at 1/4000 s; less at longer times.
     """
@@ -63,7 +64,7 @@ class Sensor:
 
     @property
     def clip(self) -> int:
-        """Count of a full well: well under 4095."""
+        """Count of a full well, under 4095."""
         return self.black + int(self.full_well / self.gain)
 
     @property
@@ -74,24 +75,25 @@ class Sensor:
     def expose(
         self, radiance: Image, seconds: float, lamp: float, pixels: int, shot: NDArray[np.uint64]
     ) -> NDArray[np.uint16]:
-        """Counts of one frame.
+        """Return the counts of one frame.
 
         Parameters
         ----------
         radiance : (h, w, 3) float32
             π·T under a lamp of unit output, linear Rec. 709, top row first.
         seconds
-            True shutter time.
+            True shutter time in seconds.
         lamp
-            Output of the lamp.
+            Relative light of the lamp.
         pixels
-            Seed of the pixels' defects, which do not change from frame to frame.
+            Seed of the sites' defects, which do not change from frame to frame.
         shot : (n,) uint64
             Seed of the noise of this frame.
 
         Returns
         -------
         (2 h + BORDER, 2 w) uint16
+            Counts, top row first; the masked rows come first.
         """
         height, width = radiance.shape[:2]
         shape = (2 * height + BORDER, 2 * width)
@@ -111,7 +113,7 @@ class Sensor:
         return np.clip(np.floor(counts + 0.5), 0, self.clip).astype(np.uint16)
 
     def _faults(self, light: Image, camera: Image, seconds: float) -> Image:
-        """Light (2 h, 2 w) with glare, vignetting and the travel of the curtains."""
+        """Return light (2 h, 2 w) with glare, vignetting and the travel of the curtains."""
         rows, columns = light.shape
         veil = np.zeros_like(light)
         for row, column, channel in SITES:
@@ -124,7 +126,7 @@ class Sensor:
 
 @lru_cache(maxsize=4)
 def _defects(sensor: Sensor, shape: tuple[int, int], seed: int) -> tuple[Image, Image]:
-    """Response and dark current (electrons a second) of the pixels."""
+    """Return relative response and dark current (electrons a second) of the sites."""
     rng = np.random.default_rng([seed, 1])
     response = 1 + sensor.prnu * rng.standard_normal(shape, np.float32)
     current = np.exp(rng.normal(np.log(30_000), 1.0, shape))
@@ -133,10 +135,9 @@ def _defects(sensor: Sensor, shape: tuple[int, int], seed: int) -> tuple[Image, 
 
 
 def shutter(nominal: float) -> float:
-    """True time of a nominal shutter time: the next third stop, and a curtain that is a little off.
+    """Return the true time in seconds of a nominal shutter time: the nearest third stop with an error of the curtains.
 
-    Nominal 1/25, 1/100, 1/250 s are 1/25.4, 1/101.6, 1/256 s; the error of the curtains grows to 1.5 % at
-    1/4000 s.
+    Nominal 1/25, 1/100, 1/250 s are 1/25.4, 1/101.6, 1/256 s; the error grows to 1.5 % at 1/4000 s, which is made up.
     """
     stop = round(3 * math.log2(1 / nominal))
     digest = hashlib.sha256(str(stop).encode()).digest()

@@ -1,4 +1,4 @@
-"""A path-traced woven fabric: the truth before the simulated camera, and never the model that is fitted."""
+"""A path-traced woven fabric, the ground truth of the virtual rig: micro-geometry, never the model that is fitted."""
 
 import hashlib
 import json
@@ -10,15 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kinran.code import digest
-from kinran.files import atomic
-from kinran.frames import direction
+from kinran.base.digest import digest
+from kinran.base.files import atomic
+from kinran.base.frames import direction
 from kinran.virtual import yarn
 
 Image = NDArray[np.float32]
 
 COLOURS = {"red": (0.50, 0.030, 0.025), "blue": (0.03, 0.06, 0.35), "white": (0.70, 0.68, 0.60)}
+"""Linear Rec. 709 colours of the silk: made up, for a red ground with threads of other colours (Takeda2008, §2.1)."""
 DEPTH = 6
+"""Longest path of light in segments, meant to leave out only light under the noise of the frames. No measurement stands
+behind it."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,7 @@ class VirtualFabric:
     samples
         Paths per texel.
     seed
-        Of the threads' irregularities.
+        Seed of the threads' irregularities.
     lamp_mm, camera_mm
         Distances of the point lamp and of the pinhole from the middle of the field.
     """
@@ -50,7 +53,7 @@ class VirtualFabric:
     """Names of the labels."""
 
     def digest(self) -> str:
-        """Identify the parameters and the code of the scene."""
+        """Return a digest of the parameters and the code of the scene, 16 hexadecimal digits."""
         key = json.dumps([digest("kinran.virtual.weave"), asdict(self)], sort_keys=True)
         return hashlib.sha256(key.encode()).hexdigest()[:16]
 
@@ -79,7 +82,7 @@ class VirtualFabric:
         return np.ascontiguousarray(np.pi * image[::-1])
 
     def frame(self, theta_mdeg: int, phi_mdeg: int, cache: Path) -> Image:
-        """`trace` of a pose in millidegrees, kept under `cache` so that it is paid once."""
+        """Return `trace` of a pose in millidegrees, from the folder `cache` where it was traced before."""
         pose = (theta_mdeg, phi_mdeg % 360_000 if theta_mdeg else 0)
         path = cache / self.digest() / f"{pose[0]}_{pose[1]}.npy"
         try:
@@ -91,14 +94,14 @@ class VirtualFabric:
         return image
 
     def labels(self) -> tuple[NDArray[np.uint8], Image]:
-        """Truth of the segmentation: what most of 6 × 6 rays through a texel meet first.
+        """Return the true label map: the material that most of 6 × 6 rays through a texel meet first.
 
         Returns
         -------
         label : (texels, texels) uint8
             Index into `names`; row 0 is v = 0.
         purity : (texels, texels) float32
-            Share of the rays that meet it.
+            Share of the rays that meet this material.
         """
         import drjit as dr
         import mitsuba as mi
@@ -131,7 +134,7 @@ class VirtualFabric:
 
 
 def load_scene(fabric: VirtualFabric, surfaces: list[yarn.Surface]) -> Any:
-    """Mitsuba scene of surfaces on a dark backing, before the camera and under the lamp of `fabric`."""
+    """Return a Mitsuba scene of surfaces on a dark backing, before the camera and under the lamp of `fabric`."""
     import mitsuba as mi
 
     mi.set_variant("llvm_ad_rgb")

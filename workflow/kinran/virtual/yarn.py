@@ -1,4 +1,4 @@
-"""The geometry of a woven repeat: twisted silk yarns, flat gold strips, floats of a pattern; millimetres.
+"""The geometry of a woven repeat: twisted silk yarns, flat gold strips, floats of a pattern; lengths in millimetres.
 
 X is the weft, Y the warp, Z points to the camera; the origin is the middle of the field on the fabric's
 mean surface. The figure stands once in each repeat and has no symmetry, so that a mirrored or a rotated
@@ -16,19 +16,23 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d
 Array = NDArray[np.float64]
 
 REPEAT = 4.8
-"""Width and height of the repeat."""
+"""Width and height of the repeat. Like all numbers here it is made up, for silk with strips of gold leaf."""
 MARGIN = 1.5
 """Fabric beyond the field on each side: it shadows the field and is reflected in it."""
 GAUGE = 0.20
 """Distance of neighbouring warp yarns, and of neighbouring weft yarns."""
 STRIP_WIDTH = 1.0
+"""Width of a gold strip."""
 STRIP_HEIGHT = 0.24
+"""Height of the gold strips over the mean surface."""
 STRIPS = (2.55, 3.95)
 """Centres of the gold strips above the lower edge of a repeat."""
 FLOAT_GAUGE = 0.135
+"""Distance of neighbouring threads of the figure."""
 STEP = 0.025
+"""Distance of points along a yarn."""
 BINDING = 5
-"""Each strip passes under every fifth warp yarn."""
+"""Period of a strip's bindings: it passes under every fifth warp yarn."""
 
 MATERIALS = ("red", "gold", "blue", "white")
 
@@ -44,7 +48,7 @@ class Surface:
     uv
         (n, m, 2); surface coordinates, u along the first axis of a strip and around a yarn.
     material
-        Index into `MATERIALS`.
+        Index of the material in `MATERIALS`.
     """
 
     points: Array
@@ -53,7 +57,7 @@ class Surface:
     material: int
 
     def faces(self) -> NDArray[np.uint32]:
-        """Triangles (k, 3) of the grid, as indices into its flattened points."""
+        """Return the triangles (k, 3) of the grid, as indices into its flattened points."""
         n, m = self.points.shape[:2]
         a = (np.arange(n - 1)[:, None] * m + np.arange(m - 1)).ravel()
         b, c, d = a + 1, a + m, a + m + 1
@@ -61,14 +65,14 @@ class Surface:
 
 
 def weave(field_mm: float, seed: int) -> list[Surface]:
-    """Surfaces of a square of brocade with its margin.
+    """Return the surfaces of a square of brocade with its margin.
 
     Parameters
     ----------
     field_mm
         Side of the square that the camera sees.
     seed
-        Of the irregularities of the yarns and strips.
+        Seed of the irregularities of the yarns and strips.
     """
     rng = np.random.default_rng(seed)
     low, high = -field_mm / 2 - MARGIN, field_mm / 2 + MARGIN
@@ -90,13 +94,13 @@ def _strip_rows(low: float, high: float) -> list[float]:
 
 
 def _rough(rng: np.random.Generator, x: Array, smooth: float, slope: float) -> Array:
-    """A random profile over x whose slope has this standard deviation; smoothed over `smooth` steps."""
+    """Return a random profile over x, smoothed over `smooth` steps, whose slope has the standard deviation `slope`."""
     profile = gaussian_filter1d(rng.normal(size=len(x)), smooth)
     return profile / np.gradient(profile, x).std() * slope
 
 
 def _strip(y: float, k: int, warps: Array, low: float, high: float, rng: np.random.Generator) -> Surface:
-    """A gold strip along the weft: waves, rolls from side to side, is wrinkled at two scales."""
+    """Return a gold strip along the weft, which waves, rolls from side to side and is wrinkled at two scales."""
     x, across = np.arange(low, high, 0.0125), np.linspace(-STRIP_WIDTH / 2, STRIP_WIDTH / 2, 65)
     roll = gaussian_filter1d(rng.normal(size=len(x)), 45)
     roll *= np.radians(8) / roll.std()
@@ -127,7 +131,7 @@ def _warp(
     high: float,
     rng: np.random.Generator,
 ) -> Surface:
-    """A warp yarn: plain weave with the weft yarns, under the strips but for its bindings."""
+    """Return a warp yarn: in plain weave with the weft yarns, and under the strips except at its bindings."""
     knots = {y: 0.055 if (i + j) % 2 else -0.055 for i, y in enumerate(wefts)}
     for k, strip in enumerate(strips):
         column = strip.points[np.argmin(np.abs(strip.points[:, 0, 0] - warps[j]))]
@@ -149,7 +153,7 @@ def _weft(i: int, y: float, warps: Array, low: float, high: float, rng: np.rando
 
 
 def _float(x0: float, x1: float, y: float, material: int, rng: np.random.Generator) -> Surface:
-    """A pattern thread that floats over the ground from x0 to x1 and dives under it at both ends."""
+    """Return a pattern thread that floats over the ground from x0 to x1 and dives under it at both ends."""
     x = np.linspace(x0, x1, max(int((x1 - x0) / STEP), 8) + 8)
     end = np.minimum(x - x0, x1 - x)
     z = 0.16 + 0.03 * np.sin(2 * np.pi * x / 0.9 + rng.uniform(0, 6.28)) - 0.20 * np.exp(-end / 0.06)
@@ -160,7 +164,7 @@ def _float(x0: float, x1: float, y: float, material: int, rng: np.random.Generat
 def _yarn(
     centre: Array, half_width: float, half_height: float, axis: int, material: int, rng: np.random.Generator
 ) -> Surface:
-    """A tube around a centre line (n, 3) along Y (axis 0) or X (axis 1), ridged by twisted fibres."""
+    """Return a tube around a centre line (n, 3) along Y (axis 0) or X (axis 1), ridged by twisted fibres."""
     around = 32
     tangent = np.gradient(centre, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
@@ -188,7 +192,7 @@ def _yarn(
 
 
 def _figure(low: float, high: float) -> Iterator[tuple[float, float, float, int]]:
-    """Floats (x0, x1, y, material) of the figure: a blue comma on the left, a white sail on the right."""
+    """Yield the floats (x0, x1, y, material) of the figure: a blue comma on the left, a white sail on the right."""
     x = np.arange(0, REPEAT, 0.01)
     repeats = range(int(np.floor(low / REPEAT)), int(np.ceil(high / REPEAT)) + 1)
     for y in np.arange(0.15, 1.75, FLOAT_GAUGE):

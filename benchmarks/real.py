@@ -1,0 +1,162 @@
+"""Accuracy of the pipeline's material on held-out lights of real sets, beside interpolation and harmonics."""
+
+import argparse
+import platform
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from benchmarks import real_nbrdf, real_sets, stages
+from kinran.base.files import InputError, read_json, write_json
+from kinran.base.project import ROOT
+from kinran.compare import errors
+from kinran.compare.baselines import basis, components, interpolation
+from kinran.compare.default import said
+from kinran.compare.method import bytes_per_texel
+from kinran.compare.methods.plates import SMOOTHING
+from kinran.compare.trial import Trial
+from kinran.compare.trial import read as read_trial
+from kinran.data import metrics
+from kinran.data.fabric import Fabric
+from kinran.fit import normals, residual
+from kinran.fit.few_lights import FEW_LIGHTS
+from kinran.fit.fitted_model import Fitted
+from kinran.fit.harmonics import harmonics
+from kinran.fit.samples import Samples
+from kinran_bsdf.material import read_material
+
+Single = NDArray[np.float32]
+
+PLATE = interpolation.thin_plate(SMOOTHING)
+PEERS: dict[str, tuple[int, Callable[[Samples], Fitted]]] = {
+    "PTM": (3, lambda samples: basis.fit(samples, basis.polynomial)),
+    "HSH16": (3, lambda samples: basis.fit(samples, harmonics(16), basis.RIDGE)),
+    "PCA9": (1, lambda samples: components.fit(samples, 9, PLATE)),
+    "Delaunay": (3, lambda samples: interpolation.fit(samples, interpolation.linear)),
+    "thin plate": (3, lambda samples: interpolation.fit(samples, PLATE)),
+}
+"""Number of channels that share their numbers, and function that fits. PCA takes each channel of a texel by itself."""
+COMPARED = ("PTM", "HSH16", "PCA9")
+"""Peers of some ten numbers per texel, like the material; the others keep all samples."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the benchmark."""
+    parser.add_argument("--data", type=Path, required=True, help="folder of the real sets")
+    parser.add_argument("--sets", nargs="+", help="which (default: all): " + ", ".join([*real_sets.sets(), "nbrdf"]))
+    parser.add_argument("--out", type=Path, required=True, help="results (.json)")
+
+
+def main(args: argparse.Namespace) -> None:
+    """Measure, print a table, write JSON."""
+    known = real_sets.sets()
+    names = args.sets or [*known, "nbrdf"]
+    for name in names:
+        if name not in (*known, "nbrdf"):
+            raise InputError(f"--sets {name}: is none of {', '.join([*known, 'nbrdf'])}")
+    result: dict[str, Any] = {"machine": platform.processor() or platform.machine(), "sets": {}}
+    for name in names:
+        if name == "nbrdf":
+            result["nbrdf"] = real_nbrdf.measure(args.data / "nbrdf")
+        else:
+            result["sets"][name] = row = measure(known[name](args.data))
+            _print(name, row)
+        write_json(args.out, result)
+
+
+def measure(real: real_sets.RealSet) -> dict[str, Any]:
+    """Errors and costs of the material and of the peers on one set."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        real.write(folder / "radiance.zarr")
+        with stages.quiet():
+            run(folder, int((~real.held).sum()))
+        fabric = Fabric(folder)
+        trial = read_trial(fabric)
+        row: dict[str, Any] = {"lights": len(trial.lights), "held_out": trial.held.count, "methods": {}}
+        for label, maps, cost in (("lobes", "material", "slope"), ("Kinran", "residual", "residual")):
+            fit = read_json(folder / f"{cost}.json")
+            row["methods"][label] = {
+                **_errors(said(read_material(folder / f"{maps}.exr"), fabric.stack), trial),
+                "bytes": fit["bytes_per_texel"],
+                "microseconds": fit["microseconds_per_texel"],
+            }
+        row["residual"] = fit["residual"]
+    row["methods"].update({name: _peer(name, trial) for name in PEERS})
+    best = max(row["methods"][name]["psnr"] for name in COMPARED)
+    if real.normals is not None:
+        row["normals"] = _normals(real)
+    row["above_the_best_peer"] = round(row["methods"]["Kinran"]["psnr"] - best, 2)
+    return row
+
+
+def _normals(real: real_sets.RealSet) -> dict[str, float]:
+    """Mean angles to the true normals, in degrees, of Kinran's normals and of least squares, from all lights."""
+    assert real.normals is not None
+    truth = real.normals.reshape(-1, 3)
+    there = np.linalg.norm(truth, axis=1) > 0.5
+    T: Single = np.array(np.moveaxis(real.light.reshape(len(real.light), -1, 3)[:, there], 0, -1), np.float32)
+    sound = np.logical_not(real.saturated.reshape(len(real.light), -1, 3)[:, there].any(-1)).T
+    plain = np.linalg.lstsq(real.directions, T.mean(1).T, rcond=None)[0].T
+    plain /= np.linalg.norm(plain, axis=1, keepdims=True)
+    samples = Samples.far(T, np.asarray(sound, np.float32), real.directions)
+    found = {"Kinran": normals.fit(samples), "least squares": plain}
+    angles = {name: np.degrees(np.arccos(np.clip((n * truth[there]).sum(1), -1, 1))) for name, n in found.items()}
+    return {name: round(float(angle.mean()), 3) for name, angle in angles.items()}
+
+
+def run(folder: Path, lights: int) -> None:
+    """Run the pipeline's stages on ``radiance.zarr`` as its rules run them for so many lights."""
+    fit = yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8"))["fit"]
+    stages.segmented(folder)
+    if lights < FEW_LIGHTS:
+        stages.fitted(folder, 1, "ggx")
+    else:
+        stages.fitted(folder, fit["lobes"], fit["tail"])
+    given = residual.Inputs(folder, folder / "prior.json", folder / "material.exr", folder / "slope.json")
+    residual.main(given, residual.Outputs(folder / "residual.exr", folder / "residual.json"))
+
+
+def _peer(name: str, trial: Trial) -> dict[str, float]:
+    """Errors and costs of a peer in the values of the photographs."""
+    channels, fit = PEERS[name]
+    seen = trial.encoded()
+    T = seen.T.reshape(-1, channels, seen.under.count)
+    samples = Samples.far(T, np.repeat(seen.W, 3 // channels, axis=0), seen.under.directions)
+    start = time.process_time()
+    fitted = fit(samples)
+    micro = 1e6 * (time.process_time() - start) / trial.texels
+    predicted = trial.decoded(fitted.predict(trial.held).reshape(trial.truth.shape))
+    return {
+        **_errors(predicted, trial),
+        "bytes": round(3 / channels * bytes_per_texel(fitted, len(samples)), 1),
+        "microseconds": round(micro, 2),
+    }
+
+
+def _errors(predicted: Single, trial: Trial) -> dict[str, float]:
+    """Errors as `kinran evaluate` computes them."""
+    by_light = errors.psnr(predicted, trial)
+    p, g, v = (np.moveaxis(a, -1, 0) for a in (predicted, trial.truth, trial.valid.astype(np.float32)))
+    return {
+        "psnr": round(float(by_light.mean()), 3),
+        "psnr_min": round(float(by_light.min()), 3),
+        "relative_error": round(metrics.relative_error(p, g, v, trial.share), 5),
+    }
+
+
+def _print(name: str, row: dict[str, Any]) -> None:
+    methods = row["methods"].items()
+    print(f"\n{name}: {row['lights']} lights, {row['held_out']} held out; {row['residual']}")
+    print("".join(f"{'':18s}" if label is None else f"{label:>12s}" for label in (None, *row["methods"])))
+    for key in ("psnr", "psnr_min", "relative_error", "bytes", "microseconds"):
+        print(f"{key:18s}" + "".join(f"{values[key]:12.5g}" for _, values in methods))
+    if "normals" in row:
+        print(f"mean error of the normals, degrees: {row['normals']}")
+    print(f"above the best peer: {row['above_the_best_peer']:+.2f} dB", flush=True)

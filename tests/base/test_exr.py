@@ -1,0 +1,66 @@
+"""EXR by channel name, whatever the memory layout."""
+
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kinran.base.exr import read_channel, read_exr, read_exr_with_header, write_exr, write_rgb
+from kinran.base.files import InputError
+
+IMAGE = np.random.default_rng(0).random((7, 5, 3)).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    "image",
+    [IMAGE, IMAGE[::-1], IMAGE[:, ::-1], IMAGE.transpose(1, 0, 2), np.asfortranarray(IMAGE), IMAGE[1:5, 2:4]],
+    ids=["plain", "flipped", "mirrored", "transposed", "fortran", "crop"],
+)
+def test_no_layout_is_scrambled(tmp_path: Path, image: np.ndarray) -> None:
+    write_rgb(tmp_path / "a.exr", image)
+    channels = read_exr(tmp_path / "a.exr")
+    np.testing.assert_array_equal(np.stack([channels[c] for c in "RGB"], -1), image)
+
+
+def test_header_and_channel_names(tmp_path: Path) -> None:
+    planes = {"lobe1.xx": IMAGE[..., 0], "label": IMAGE[..., 1]}
+    write_exr(tmp_path / "a.exr", planes, {"kinran:model": "slope"})
+    channels, header = read_exr_with_header(tmp_path / "a.exr")
+    assert set(channels) == {"lobe1.xx", "label"}
+    assert header["kinran:model"] == "slope"
+    assert set(planes) == {"lobe1.xx", "label"}
+
+
+def test_nan_and_infinity_survive(tmp_path: Path) -> None:
+    plane = np.array([[np.nan, np.inf], [-1.0, 0.0]], np.float32)
+    write_exr(tmp_path / "a.exr", {"Y": plane})
+    np.testing.assert_array_equal(read_exr(tmp_path / "a.exr")["Y"], plane)
+
+
+def test_truncated_and_missing(tmp_path: Path) -> None:
+    write_rgb(tmp_path / "a.exr", IMAGE)
+    whole = (tmp_path / "a.exr").read_bytes()
+    (tmp_path / "b.exr").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match=r"b\.exr: cannot be read as EXR"):
+        read_exr(tmp_path / "b.exr")
+    with pytest.raises(InputError, match=r"b\.exr: cannot be read as EXR"):
+        read_channel(tmp_path / "b.exr", "G", np.float32)
+    for read in (read_exr, lambda path: read_channel(path, "G", np.float32)):
+        with pytest.raises(InputError, match="no such file"):
+            read(tmp_path / "c.exr")
+
+
+def test_one_channel_takes_no_memory_for_the_others(tmp_path: Path) -> None:
+    """Of four float channels of 300 × 500, one as 16-bit integers: the peak is far under their 2.4 MB."""
+    planes = {name: np.random.default_rng(k).integers(0, 9, (300, 500)) for k, name in enumerate("abcd")}
+    write_exr(tmp_path / "a.exr", {name: plane.astype(np.float32) for name, plane in planes.items()})
+    tracemalloc.start()
+    plane = read_channel(tmp_path / "a.exr", "c", np.uint16)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    np.testing.assert_array_equal(plane, planes["c"])
+    assert plane.dtype == np.uint16
+    assert peak < plane.nbytes + 0.3e6
+    with pytest.raises(InputError, match="has no channel 'e'"):
+        read_channel(tmp_path / "a.exr", "e", np.uint16)

@@ -1,0 +1,111 @@
+"""The stage `kinran fit`: a run that is stopped keeps its tiles, and what has no lobe is not fitted."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from cloth_on_disk import Cloth, directions, pictures
+from synthetic_texels import grid, radiance, texels
+
+from kinran.data.fabric import Fabric
+from kinran.data.radiance_stack import Box
+from kinran.fit import samples, slope
+from kinran.fit.samples import Samples
+
+SHAPE = (130, 70)
+TILES = 6
+OPTIONS = ("--model", "slope")
+
+
+@pytest.fixture
+def cloth(tmp_path: Path) -> Cloth:
+    shapes, colours = texels(SHAPE[0] * SHAPE[1])
+    lights = grid(40, 6)
+    labels = (np.arange(SHAPE[0] * SHAPE[1]) % 3 > 0).astype(np.intp).reshape(SHAPE)
+    return Cloth(tmp_path, pictures(radiance(shapes, colours, lights), SHAPE), directions(lights), labels)
+
+
+def result(cloth: Cloth, name: str) -> dict[str, np.ndarray]:
+    with np.load(cloth.folder / name) as data:
+        return {key: data[key] for key in data.files if "." in key}
+
+
+def reading(monkeypatch: pytest.MonkeyPatch, stop_after: int = TILES) -> list[Box]:
+    """Boxes that are read; after so many the run is stopped."""
+    boxes: list[Box] = []
+    read = samples.read_samples
+
+    def counted(fabric: Fabric, box: Box) -> Samples:
+        if len(boxes) == stop_after:
+            raise KeyboardInterrupt
+        boxes.append(box)
+        return read(fabric, box)
+
+    monkeypatch.setattr(samples, "read_samples", counted)
+    return boxes
+
+
+def test_a_stopped_run_goes_on_where_it_was(cloth: Cloth, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert cloth.run("fit", "whole.npz", *OPTIONS) == 0
+    with monkeypatch.context() as patch:
+        reading(patch, stop_after=4)
+        assert cloth.run("fit", "run.npz", *OPTIONS) == 130
+    assert not (cloth.folder / "run.npz").exists()
+    boxes = reading(monkeypatch)
+    assert cloth.run("fit", "run.npz", *OPTIONS) == 0
+    assert len(boxes) == TILES - 4
+    whole, resumed = result(cloth, "whole.npz"), result(cloth, "run.npz")
+    assert whole.keys() == resumed.keys()
+    for name, values in whole.items():
+        np.testing.assert_array_equal(resumed[name], values)
+    assert not [path for path in cloth.folder.iterdir() if path.name.endswith(".tiles")]
+
+
+def test_tiles_of_another_fit_are_not_taken(cloth: Cloth, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        reading(patch, stop_after=4)
+        assert cloth.run("fit", "run.npz", *OPTIONS) == 130
+    boxes = reading(monkeypatch)
+    assert cloth.run("fit", "run.npz", *OPTIONS, "--fitted", 0) == 0
+    assert len(boxes) == TILES
+
+
+def test_a_torn_tile_is_fitted_again(cloth: Cloth, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        reading(patch, stop_after=4)
+        assert cloth.run("fit", "run.npz", *OPTIONS) == 130
+    torn = next(cloth.folder.glob(".run.npz.tiles/*/0_0.npz"))
+    torn.write_bytes(torn.read_bytes()[:1000])
+    boxes = reading(monkeypatch)
+    assert cloth.run("fit", "run.npz", *OPTIONS) == 0
+    assert len(boxes) == TILES - 3
+
+
+def test_regions_without_a_lobe_are_not_fitted(cloth: Cloth, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two thirds of the texels stay a texture: no lobe is fitted to them, and the others are as without them."""
+    assert cloth.run("fit", "all.npz", *OPTIONS) == 0
+    fitted, fit = [], slope.fit
+
+    def counted(some: Samples, *rest: Any) -> slope.SlopeFit:
+        fitted.append(len(some))
+        return fit(some, *rest)
+
+    monkeypatch.setattr(slope, "fit", counted)
+    assert cloth.run("fit", "some.npz", *OPTIONS, "--fitted", 0) == 0
+    assert sum(fitted) - 1 == -(-SHAPE[0] * SHAPE[1] // 3)  # and one to compile
+    every, some = result(cloth, "all.npz"), result(cloth, "some.npz")
+    assert every.keys() == some.keys()
+    textures = some["lobe1.R"] == 0
+    assert (~textures).sum() <= sum(fitted)
+    np.testing.assert_allclose(some["lobe1.x"][~textures], every["lobe1.x"][~textures], rtol=1e-5)
+    assert (some["diffuse.x"][textures] == 0).mean() > 0.99
+
+
+def test_a_fit_job_does_not_load_the_renderer() -> None:
+    """Mitsuba and Dr.Jit would take 70 MB of each job."""
+    loaded = "import sys, kinran.fit.fit; print({'mitsuba', 'drjit', 'kinran_bsdf'} & sys.modules.keys())"
+    done = subprocess.run([sys.executable, "-c", loaded], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"

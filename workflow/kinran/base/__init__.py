@@ -1,0 +1,1 @@
+"""Base: files, pictures, directions and messages; it knows nothing of fabrics."""

@@ -1,0 +1,130 @@
+"""Files on disk are the interface between stages: written to a temporary name, then renamed."""
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+T = TypeVar("T")
+
+NAME = re.compile(r"[a-z0-9][a-z0-9_-]*")
+"""Pattern of names that are safe as paths, as words of a shell and in HTML."""
+
+
+class InputError(Exception):
+    """Input of the user that cannot be used; the message is one sentence: file, value, remedy."""
+
+
+@contextmanager
+def atomic(path: Path) -> Iterator[Path]:
+    """Give a temporary path beside `path`, which takes its place when the block ends without an error.
+
+    Parameters
+    ----------
+    path
+        Final name. Its folder is made if missing.
+
+    Yields
+    ------
+    Path
+        Name to write to; same suffix, so that writers that look at suffixes work.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written to.
+    """
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.touch()
+    except OSError as error:
+        raise InputError(
+            f"{path.parent}: cannot be written to ({error.strerror}); choose another output folder"
+        ) from None
+    try:
+        yield temporary
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write `value`, which may hold dataclasses, as indented JSON, atomically; NaN and infinity are refused."""
+    text = json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False, default=asdict) + "\n"
+    with atomic(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def read_json(path: Path) -> Any:
+    """Read a JSON file.
+
+    Raises
+    ------
+    InputError
+        The file is missing or is not JSON.
+    """
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: is not valid JSON ({error}); make it again") from None
+
+
+def read_as(path: Path, kind: type[T], what: str, remedy: str = "make it again") -> T:
+    """Read a JSON file as a dataclass, or as a list or dict of them; unknown keys are ignored.
+
+    Parameters
+    ----------
+    path
+        The file.
+    kind
+        Type that its content must fit.
+    what
+        Name of the content for the error, such as "a plan".
+    remedy
+        Remedy for the error.
+
+    Raises
+    ------
+    InputError
+        The file is missing, is not JSON, or a field is missing or of another type.
+    """
+    return fitted(path, read_json(path), kind, what, remedy)
+
+
+def fitted(path: Path, value: Any, kind: type[T], what: str, remedy: str = "make it again") -> T:
+    """Convert the content of a JSON file to a dataclass; parameters and errors as in `read_as`."""
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        reason, _, field = str(error).partition(" - at `$")
+        field = field.strip("`.")
+        raise InputError(f"{path}: is not {what} ({field and field + ': '}{reason}); {remedy}") from None
+
+
+def sha256(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def check_name(name: str, what: str) -> str:
+    """Return `name` if it can safely become a path, a shell word and HTML.
+
+    Raises
+    ------
+    InputError
+        The name has other characters than a-z, 0-9, ``_`` and ``-``, or starts with one of the last two.
+    """
+    if not NAME.fullmatch(name):
+        raise InputError(f"{what} '{name}': use only a-z, 0-9, _ and -, starting with a letter or digit")
+    return name

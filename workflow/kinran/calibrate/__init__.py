@@ -1,0 +1,1 @@
+"""Calibration: camera, lamp and colours of a capture, from its dark, white and chart frames."""

@@ -1,0 +1,1 @@
+"""Capture: plan the shots and take them, or use photographs with known lights instead."""

@@ -1,0 +1,141 @@
+"""Shoot the missing and the repeated shots of a group of the plan, and write the group's manifest."""
+
+import json
+import logging
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from kinran.base.digest import digest
+from kinran.base.files import InputError, write_json
+from kinran.capture.brackets_taken import Wanted, manifest, missing, read_brackets, setup_digest
+from kinran.capture.journal import Journal
+from kinran.capture.session import Session
+from kinran.data.capture_plan import Plan, read_plan
+from kinran.rig.camera import Camera, CameraError
+from kinran.rig.errors import RigError
+from kinran.rig.goniometer import Goniometer
+
+log = logging.getLogger(__name__)
+
+Devices = Callable[[], AbstractContextManager[tuple[Goniometer, Camera]]]
+
+
+def json_object(text: str) -> dict[str, Any]:
+    """Parse a JSON object.
+
+    Raises
+    ------
+    InputError
+        The text is not a JSON object.
+    """
+    try:
+        value = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InputError(f"{text!r}: is not JSON ({error}); give an object such as {{}}") from None
+    if not isinstance(value, dict):
+        raise InputError(f"{text!r}: is not a JSON object; give one such as {{}}")
+    return value
+
+
+@dataclass(frozen=True)
+class Inputs:
+    plan: Annotated[Path, "plan.json in the folder of the capture"]
+
+
+@dataclass(frozen=True)
+class Options:
+    group: Annotated[str, "group to shoot"]
+    device: Annotated[Literal["virtual", "hid"], "rig and camera"]
+    virtual: Annotated[Mapping[str, Any], "--virtual JSON", "virtual fabric as an object", json_object] = field(
+        default_factory=dict
+    )
+    revisions: Annotated[Mapping[str, int], "--revisions JSON", "revisions asked for, by shot", json_object] = field(
+        default_factory=dict
+    )
+
+
+def main(inputs: Inputs, out: Annotated[Path, "OUT", "manifest of the group"], options: Options) -> None:
+    """Shoot a group and write its manifest.
+
+    When the code of the virtual rig changes, its frames are shot anew, and the old ones kept.
+    """
+    if options.device == "hid":
+        raise InputError("device hid: no camera back-end is installed; use virtual, or ingest photographs")
+    from kinran.virtual.devices import virtual_devices  # it imports the path tracer
+
+    root, scene = inputs.plan.parent, dict(options.virtual)
+    device = {"device": options.device, "scene": scene, "code": digest("kinran.virtual.devices")}
+    devices = partial(virtual_devices, root, scene, options.group)
+    try:
+        value = capture(read_plan(inputs.plan), options.group, root, devices, device, options.revisions)
+    except (RigError, CameraError) as error:
+        raise InputError(str(error)) from None
+    write_json(out, value)
+
+
+def capture(
+    plan: Plan,
+    group: str,
+    root: Path,
+    devices: Devices,
+    device: Mapping[str, Any],
+    revisions: Mapping[str, int],
+) -> dict[str, Any]:
+    """Shoot the missing shots of a group, and return its manifest.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    group
+        Name of the group.
+    root
+        Folder of the capture: frames, journal, card, quarantine.
+    devices
+        Function that opens the rig and the camera; called only when something is to be shot.
+    device
+        Description of the devices; frames of another description do not count.
+    revisions
+        Revision that is asked for, by shot; 0 for the others.
+
+    Raises
+    ------
+    InputError
+        A revision names no shot of the group, another capture runs, or the disk is full.
+    RigError, CameraError
+        A device stopped the session; what was shot is safe, and the next run goes on from there.
+    """
+    chosen = plan.group(group)
+    check_revisions(revisions, {shot.shot for shot in chosen.shots}, group)
+    wanted = [
+        Wanted(group, shot, revisions.get(shot.shot, 0), setup_digest(plan, shot, device)) for shot in chosen.shots
+    ]
+    with Journal(root / "journal.jsonl") as journal:
+        brackets = read_brackets(journal.records)
+        todo = missing(brackets, wanted, root)
+        log.info("capture %s: %d of %d shots to take", group, len(todo), len(wanted))
+        if todo:
+            with devices() as (rig, camera):
+                session = Session(plan, root, journal, rig, camera, str(device["device"]))
+                session.run(group, wanted)
+                brackets = session.brackets
+        return manifest(plan, chosen, brackets)
+
+
+def check_revisions(revisions: Mapping[str, int], shots: set[str], group: str) -> None:
+    """Check the revisions that are asked for.
+
+    Raises
+    ------
+    InputError
+        A revision names no shot of the group, or is not a whole number from 0.
+    """
+    for shot, revision in revisions.items():
+        if shot not in shots:
+            raise InputError(f"revision of '{shot}': group {group} has no such shot; see the plan")
+        if not isinstance(revision, int) or isinstance(revision, bool) or revision < 0:
+            raise InputError(f"revision of '{shot}' is {revision!r}; give a whole number from 0")

@@ -1,0 +1,66 @@
+"""Use a group of photographs as shots of a capture: write its manifest; the files stay where they are."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from kinran.base.files import sha256, write_json
+from kinran.capture.photograph_set import frame_seconds
+from kinran.data import photographs
+from kinran.data.capture_plan import read_plan
+from kinran.data.lights import lp_file, read_lp
+
+
+@dataclass(frozen=True)
+class Inputs:
+    folder: Annotated[Path, "folder of the photographs and their .lp"]
+    plan: Annotated[Path, "plan of the capture (.json)"]
+
+
+def main(
+    inputs: Inputs, out: Annotated[Path, "OUT", "the group's manifest (.json)"], group: Annotated[str, "its name"]
+) -> None:
+    """Write the manifest of a group."""
+    write_json(out, manifest(inputs.plan, group, inputs.folder))
+
+
+def manifest(plan_file: Path, name: str, folder: Path) -> dict[str, Any]:
+    """Return the manifest of a group: the paths of its photographs, with their digests.
+
+    Raises
+    ------
+    InputError
+        The plan or a photograph is missing, or a frame has no exposure time.
+    """
+    planned = read_plan(plan_file)
+    group = planned.group(name)
+    found = photographs.find_frames(folder, list(read_lp(lp_file(folder))))
+    shots = []
+    for shot in group.shots:
+        paths = [path.resolve() for path in found[shot.shot]]
+        seconds = [None] if len(paths) == 1 else frame_seconds(paths)
+        frames = [
+            {"file": str(path), "sha256": sha256(path), "bytes": path.stat().st_size, "exposure_s": time}
+            for path, time in zip(paths, seconds, strict=True)
+        ]
+        shots.append(
+            {
+                "shot": shot.shot,
+                "kind": shot.kind,
+                "light": shot.light,
+                "revision": 0,
+                "pose_mdeg": None,
+                "photodiode": None,
+                "time_s": None,
+                "frames": frames,
+            }
+        )
+    return {
+        "version": 1,
+        "fabric": planned.fabric,
+        "group": name,
+        "plan_sha256": planned.sha256,
+        "kind": planned.kind,
+        "lights": list(group.lights),
+        "shots": shots,
+    }

@@ -1,0 +1,160 @@
+"""A set of photographs with known lights, checked before anything is written."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from kinran.base import encoding
+from kinran.base.distances import Distances, check_lengths
+from kinran.base.files import InputError
+from kinran.base.log import progress
+from kinran.data import photographs
+from kinran.data.hold_out_rule import held_out
+from kinran.data.lights import LpLight, lp_file, read_lp
+from kinran.data.nominal_time import nominal_seconds
+from kinran.data.raw import is_raw
+
+UNIT = 0.02
+"""Difference of a vector's length from 1 above which it may be a position: a direction that is rounded to two decimals
+differs by 0.009 at most."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """Encoding, crop and distances that a user states for a set of photographs."""
+
+    encoding: Annotated[str, "srgb (default), linear or gamma:EXPONENT"] = "srgb"
+    crop: Annotated[str, "--crop X,Y,W,H", "part to use, from the top left"] = ""
+    lamp_mm: Annotated[
+        float | None,
+        "--lamp-mm MM",
+        "length of 1 in the .lp: the dome's radius, or 1 where it holds positions in mm; without it, directions",
+    ] = None
+    field_mm: Annotated[float | None, "--field-mm MM", "width of a whole photograph on the fabric"] = None
+    camera_mm: Annotated[
+        float | None,
+        "--camera-mm MM",
+        "from the fabric to the lens; without it, seen along the normal everywhere",
+    ] = None
+
+    @property
+    def distances(self) -> Distances:
+        """Distances of lamps and camera.
+
+        Raises
+        ------
+        InputError
+            A distance is not over 0, or the field's width is missing, without which the others have no scale.
+        """
+        given = Distances(self.lamp_mm, self.field_mm, self.camera_mm)
+        check_lengths(given)
+        if given.field_mm is None and (given.lamp_mm or given.camera_mm):
+            name = "lamp" if given.lamp_mm else "camera"
+            raise InputError(f"--{name}-mm: needs the width of a photograph; give --field-mm as well")
+        return given
+
+
+@dataclass(frozen=True)
+class PhotographSet:
+    """A set of photographs that has been checked.
+
+    Attributes
+    ----------
+    lights
+        Lights of the `.lp`, relative to the middle of a whole photograph.
+    size
+        Width and height of a whole photograph in pixels.
+    exposures_s
+        Nominal exposure times of the brackets in seconds, longest first; 1 for single photographs.
+    """
+
+    lights: list[LpLight]
+    size: tuple[int, int] = (1, 1)
+    exposures_s: tuple[float, ...] = (1.0,)
+
+
+def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
+    """Check a whole set before anything is written: its lights, files, sizes and crop, and that each image decodes.
+
+    Parameters
+    ----------
+    folder
+        Folder of the photographs and their `.lp` file.
+    known
+        Encoding, crop and distances of the set.
+    holdout
+        One light of so many is held out; 0 for none.
+
+    Raises
+    ------
+    InputError
+        Something is wrong; the message names the first fault.
+    """
+    lights = read_lp(lp_file(folder))
+    coder = encoding.parse(known.encoding)
+    crop = photographs.parse_crop(known.crop)
+    held_out([None] * len(lights), holdout, folder)
+    found = photographs.find_frames(folder, lights)
+    seconds = exposures(found)
+    first, paths = found[lights[0].name][0], [path for frames in found.values() for path in frames]
+    sizes = {path: photographs.size(path) for path in paths}
+    for path, size in sizes.items():
+        if size != sizes[first]:
+            raise InputError(
+                f"{path}: is {size[0]}x{size[1]} but {first.name} is {sizes[first][0]}x{sizes[first][1]};"
+                " all photographs of a set have one size"
+            )
+    for path in progress(paths, "check", "photographs"):
+        if not is_raw(path):  # LibRaw has looked into those
+            photographs.read(path, coder, crop)
+    return PhotographSet(lights, sizes[first], seconds)
+
+
+def remark_on_lengths(lights: list[LpLight], lamp_mm: float | None) -> str:
+    """Return a warning where the vectors look like positions but are taken for directions; else an empty text."""
+    lengths = [light.length for light in lights]
+    if lamp_mm or max(abs(length - 1) for length in lengths) < UNIT:
+        return ""
+    return (
+        f"the .lp's vectors are {min(lengths):.4g} to {max(lengths):.4g} long and taken for directions; if they are"
+        " positions, give --lamp-mm (millimetres of a length of 1) and --field-mm"
+    )
+
+
+def exposures(found: dict[str, list[Path]]) -> tuple[float, ...]:
+    """Return the nominal exposure times in seconds of a set's brackets, longest first; 1 for single photographs.
+
+    Raises
+    ------
+    InputError
+        A light has a single RAW file, brackets and single images are mixed, or an exposure time is unknown or stands
+        twice in a bracket.
+    """
+    times: set[float] = set()
+    for name, frames in found.items():
+        if len(frames) == 1 and is_raw(frames[0]):
+            raise InputError(f"{frames[0]}: is a single RAW file; give brackets of RAW, or developed photographs")
+        if (len(frames) > 1) != (len(next(iter(found.values()))) > 1):
+            raise InputError(f"{frames[0]}: light '{name}' has {len(frames)} image(s), the first one more or fewer")
+        own = frame_seconds(frames)
+        if len(set(own)) < len(own):
+            raise InputError(f"{frames[0]}: the bracket of light '{name}' has an exposure time twice; keep one of them")
+        times |= set(own)
+    return tuple(sorted(times, reverse=True))
+
+
+def frame_seconds(frames: list[Path]) -> list[float]:
+    """Return the nominal exposure time in seconds of each frame of a light, from EXIF or name; 1 for a single one.
+
+    Raises
+    ------
+    InputError
+        A frame of a bracket has no exposure time.
+    """
+    if len(frames) == 1:
+        return [1.0]
+    seconds = [round(nominal_seconds(path), 9) for path in frames]
+    for path, value in zip(frames, seconds, strict=True):
+        if not value:
+            raise InputError(f"{path}: has no exposure time in its EXIF; rename it to {path.stem}_1-250s{path.suffix}")
+    return seconds

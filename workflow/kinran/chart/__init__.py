@@ -1,1 +1,0 @@
-"""The chart: accuracy against speed, and against what was captured."""

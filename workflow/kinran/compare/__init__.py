@@ -1,0 +1,1 @@
+"""Comparison: methods charted by accuracy, time, memory and bytes."""

@@ -1,0 +1,1 @@
+"""Data that stages hand on, as values and as files."""

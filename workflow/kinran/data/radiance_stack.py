@@ -1,0 +1,318 @@
+"""The radiance stack: the merged photographs of a fabric, as a Zarr v3 group.
+
+Its arrays are `radiance` float16 and `flags` uint8, both (light, y, x, channel); row 0 is v = 0. One shard holds 8
+lights, so that a merge job writes whole files. `write_shards` writes the shards of a group, `write_metadata` the
+metadata that complete the stack.
+"""
+
+import math
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kinran.base.files import InputError, atomic
+from kinran.data.lights import Light as Light
+from kinran.data.radiance import HOT, SATURATED, Flags, Radiance
+from kinran.data.shards import NAMES, SHARD, shard_path
+
+Box = tuple[int, int, int, int]
+
+CHUNK = 64
+"""Side of a chunk in texels: a fit reads one chunk at a time."""
+LARGEST = float(np.finfo(np.float16).max)
+"""Largest value that a stack holds."""
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """Metadata of a radiance stack.
+
+    Attributes
+    ----------
+    lights
+        Lights in the order of the stack.
+    height, width
+        Size in texels.
+    texel_mm
+        Side of a texel in millimetres; None when unknown.
+    encoding
+        Encoding of the photographs that the stack was made of; empty for merged brackets.
+    crop
+        ``X,Y,W,H`` of the photographs that was used; empty for all.
+    colour
+        Name of the stack's RGB.
+    to_acescg : (3, 3) float
+        Stack RGB (column) to linear ACEScg.
+    noise
+        Parameters of the noise model.
+    camera_mm
+        Position of the camera's centre of projection in millimetres from the field's centre; None when unknown.
+    """
+
+    lights: tuple[Light, ...]
+    height: int
+    width: int
+    texel_mm: float | None
+    encoding: str
+    crop: str
+    colour: str
+    to_acescg: NDArray[np.float64]
+    noise: dict[str, Any]
+    camera_mm: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stack(Metadata):
+    """A radiance stack on disk.
+
+    Attributes
+    ----------
+    path
+        Folder of the stack.
+    unit
+        Meaning of a value of 1.
+    """
+
+    path: Path
+    unit: str
+    _arrays: tuple[Any, Any]
+
+    @classmethod
+    def open(cls, path: Path) -> "Stack":
+        """Open a stack.
+
+        Raises
+        ------
+        InputError
+            The folder is not a stack, or its metadata are damaged.
+        """
+        import zarr
+
+        if not (path / "zarr.json").is_file():
+            raise InputError(f"{path}: is no radiance stack; make it with `kinran stack`")
+        try:
+            group = zarr.open_group(path, mode="r")
+            values: dict[str, Any] = dict(group.attrs)
+            lights = msgspec.convert(values["lights"], tuple[Light, ...])
+            arrays = group["radiance"], group["flags"]
+            shape = (len(lights), values["height"], values["width"], 3)
+            if any(getattr(array, "shape", None) != shape for array in arrays):
+                raise ValueError("its arrays do not have the shape of its lights")
+            return cls(
+                lights=lights,
+                **{name: values[name] for name in ("height", "width", "texel_mm", "encoding", "crop", "noise", "unit")},
+                colour=values["colour"]["name"],
+                to_acescg=np.array(values["colour"]["to_acescg"], float).reshape(3, 3),
+                camera_mm=msgspec.convert(values.get("camera_mm"), tuple[float, float, float] | None),
+                path=path,
+                _arrays=arrays,
+            )
+        except (KeyError, ValueError, TypeError) as error:
+            raise InputError(f"{path}: is damaged ({error}); make it again with `kinran stack`") from None
+
+    @property
+    def held_out(self) -> NDArray[np.bool_]:
+        """Whether each light (light,) is held out."""
+        return np.array([light.held_out for light in self.lights], bool)
+
+    @property
+    def directions(self) -> NDArray[np.float64]:
+        """Unit directions (light, 3) of the lights."""
+        return np.array([light.direction for light in self.lights], float).reshape(-1, 3)
+
+    def tiles(self, side: int = CHUNK) -> list[Box]:
+        """Return boxes (y0, y1, x0, x1) that cover the stack, in rows from v = 0; chunks by default."""
+        return [
+            (y, min(y + side, self.height), x, min(x + side, self.width))
+            for y in range(0, self.height, side)
+            for x in range(0, self.width, side)
+        ]
+
+    def read_tile(self, y0: int, y1: int, x0: int, x1: int, lights: ArrayLike | None = None) -> Radiance:
+        """Read the radiance (light, y, x, 3) of a tile under all lights, or under the lights of these indices.
+
+        Raises
+        ------
+        InputError
+            A shard is missing or damaged.
+        """
+        values, flags = self.read_stored(y0, y1, x0, x1, lights)
+        return Radiance(values.astype(np.float32), flags)
+
+    def read_stored(
+        self, y0: int, y1: int, x0: int, x1: int, lights: ArrayLike | None = None
+    ) -> tuple[NDArray[np.float16], Flags]:
+        """Read values, in half precision as stored, and flags; parameters and errors as in `read_tile`."""
+        use = np.arange(len(self.lights)) if lights is None else np.asarray(lights, np.intp)
+        for name, shard in product(NAMES, np.unique(use // SHARD).tolist()):
+            if not shard_path(self.path, name, shard).is_file():
+                raise InputError(f"{shard_path(self.path, name, shard)}: is missing; merge its group")
+        # whole chunks of 8 lights are decoded in any case: read all from the first to the last, then select
+        first, last = (use.min() // SHARD * SHARD, use.max() + 1) if use.size else (0, 0)
+        try:
+            radiance, flags = (array[first:last, y0:y1, x0:x1] for array in self._arrays)
+        except Exception as error:  # Zarr and its codecs raise errors of any kind on a broken shard
+            raise InputError(f"{self.path}: a shard is damaged ({error}); merge its group again") from None
+        return np.asarray(radiance, np.float16)[use - first], np.asarray(flags, np.uint8)[use - first]
+
+
+def write_shards(folder: Path, first: int, radiance: Radiance) -> list[Path]:
+    """Write the shards of neighbouring lights, each file whole.
+
+    Parameters
+    ----------
+    folder
+        The stack.
+    first
+        Index of the first light, a multiple of 8.
+    radiance : (light, y, x, 3)
+        Radiance in the stack's unit. Values over the range of float16 are clipped to it and flagged as saturated;
+        values that are not finite become 0 and are flagged as hot.
+
+    Returns
+    -------
+    list of Path
+        Files that were written.
+    """
+    shape, of_flags = radiance.value.shape, radiance.flags.shape
+    if first % SHARD or shape != of_flags or len(shape) != 4 or shape[-1] != 3:
+        raise ValueError(f"{shape} and {of_flags} from light {first} are no whole shards")
+    with ShardWriter(folder, shape[1], shape[2]) as writer:
+        for k in range(shape[0]):
+            writer.add(radiance[k])
+        return writer.write(first)
+
+
+class ShardWriter:
+    """Writer of the shards of neighbouring lights, which takes their pictures one by one.
+
+    The pictures go to a scratch file beside the stack, so that only one is in memory.
+    """
+
+    def __init__(self, folder: Path, height: int, width: int) -> None:
+        self._folder, self._size, self._lights = folder, (height, width), 0
+        self._context = _scratch(folder)
+
+    def __enter__(self) -> "ShardWriter":
+        self._scratch = self._context.__enter__()
+        self._files = {name: (self._scratch / f"{name}.raw").open("wb") for name in NAMES}
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        for file in self._files.values():
+            file.close()
+        self._context.__exit__(*error)
+
+    def add(self, picture: Radiance) -> None:
+        """Add a picture (y, x, 3), whose values are clipped as in `write_shards`."""
+        shape, of_flags = picture.value.shape, picture.flags.shape
+        if shape != (*self._size, 3) or of_flags != shape:
+            raise ValueError(f"{shape} and {of_flags} are no pictures of {self._size}")
+        for first in range(0, len(picture.value), CHUNK):
+            half, bits = _half(picture[first : first + CHUNK])
+            self._files["radiance"].write(half.tobytes())
+            self._files["flags"].write(bits.tobytes())
+        self._lights += 1
+
+    def write(self, first: int) -> list[Path]:
+        """Write the shards, of which `first` is the first light; return the files."""
+        shape = (self._lights, *self._size, 3)
+        written = []
+        for name, dtype in zip(NAMES, ("float16", "uint8"), strict=True):
+            self._files[name].close()
+            raw = self._scratch / f"{name}.raw"
+            _create(self._scratch, name, shape, dtype)[:] = np.memmap(raw, dtype, "r", shape=shape)
+            raw.unlink()
+        for name in NAMES:
+            for k in range(-(-self._lights // SHARD)):
+                path = shard_path(self._folder, name, first // SHARD + k)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                shard_path(self._scratch, name, k).replace(path)
+                written.append(path)
+        return written
+
+
+def _half(radiance: Radiance) -> tuple[NDArray[np.float16], Flags]:
+    """Return values as float16, clipped to its range, and flags that mark those outside."""
+    values, flags = np.asarray(radiance.value, np.float32), radiance.flags
+    finite = np.isfinite(values)
+    over = np.abs(values) > LARGEST
+    bits = flags | np.where(finite, 0, HOT).astype(np.uint8) | np.where(finite & over, SATURATED, 0).astype(np.uint8)
+    return np.clip(np.where(finite, values, 0), -LARGEST, LARGEST).astype(np.float16), bits
+
+
+def write_metadata(folder: Path, metadata: Metadata) -> None:
+    """Write the metadata that complete a stack, after its shards."""
+    attributes = {
+        "lights": [asdict(light) for light in metadata.lights],
+        "height": metadata.height,
+        "width": metadata.width,
+        "texel_mm": metadata.texel_mm,
+        "encoding": metadata.encoding,
+        "crop": metadata.crop,
+        "colour": {"name": metadata.colour, "to_acescg": np.asarray(metadata.to_acescg, float).tolist()},
+        "noise": metadata.noise,
+        "camera_mm": metadata.camera_mm,
+        "unit": unit_of(metadata.encoding, metadata.noise),
+    }
+    import zarr
+
+    with _scratch(folder) as scratch:
+        zarr.create_group(scratch, attributes=attributes)
+        shape = (len(metadata.lights), metadata.height, metadata.width, 3)
+        for name, dtype in zip(NAMES, ("float16", "uint8"), strict=True):
+            _create(scratch, name, shape, dtype)
+        for name in (*NAMES, "."):  # the group last: it completes the stack
+            with atomic(folder / name / "zarr.json") as temporary:
+                shutil.copyfile(scratch / name / "zarr.json", temporary)
+
+
+@contextmanager
+def _scratch(folder: Path) -> Iterator[Path]:
+    """Make a temporary folder on the same disk, so that its files can be renamed into `folder`."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        scratch = Path(tempfile.mkdtemp(prefix=".part-", dir=folder))
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written to ({error.strerror}); choose another output folder") from None
+    try:
+        yield scratch
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _create(folder: Path, name: str, shape: tuple[int, ...], dtype: str) -> Any:
+    import zarr
+    from zarr.codecs import BloscCodec
+
+    height, width = (CHUNK * math.ceil(side / CHUNK) for side in shape[1:3])
+    return zarr.create_array(
+        store=folder,
+        name=name,
+        shape=shape,
+        dtype=dtype,
+        chunks=(SHARD, CHUNK, CHUNK, 3),
+        shards=(SHARD, height, width, 3),
+        compressors=BloscCodec(cname="zstd", clevel=3, shuffle="bitshuffle"),
+        fill_value=0,
+        dimension_names=("light", "y", "x", "channel"),
+        config={"write_empty_chunks": True},
+    )
+
+
+def unit_of(encoding: str, noise: dict[str, Any]) -> str:
+    """Return the meaning of a value of 1 in a stack of this encoding and noise model."""
+    if encoding:
+        return "1 is the encoding's white"
+    if noise.get("white") == "longest exposure":
+        return "1 is white at the longest exposure"
+    return "pi T: a white diffuser that faces the lamp is 1"

@@ -1,0 +1,64 @@
+"""Finished tiles of a fit, kept beside the result so that a run that was stopped goes on where it was."""
+
+import hashlib
+import shutil
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinran.base.files import atomic
+from kinran.data.radiance_stack import Box
+
+Arrays = dict[str, NDArray[np.floating]]
+
+
+def content_key(options: list[str], files: list[Path], stack: Path) -> str:
+    """Digest of the options, of the content of the files, and of the names, sizes and times of a stack's files."""
+    whole = hashlib.sha256("\0".join(options).encode())
+    for path in files:
+        whole.update(path.read_bytes())
+    for path in sorted(path for path in stack.rglob("*") if path.is_file()):
+        status = path.stat()
+        whole.update(f"{path.relative_to(stack)} {status.st_size} {status.st_mtime_ns}".encode())
+    return whole.hexdigest()[:16]
+
+
+@dataclass(frozen=True)
+class Finished:
+    """Finished tiles of one run, in a folder that bears the key of its inputs."""
+
+    folder: Path
+
+    @classmethod
+    def of(cls, out: Path, key: str) -> "Finished":
+        """Finished tiles of the run that writes `out`; tiles of another key are removed."""
+        parent = out.with_name(f".{out.name}.tiles")
+        for other in parent.glob("*"):
+            if other.name != key:
+                shutil.rmtree(other)
+        return cls(parent / key)
+
+    def has(self, box: Box) -> bool:
+        """Whether a tile is finished and its file is whole."""
+        path = self._path(box)
+        return path.is_file() and zipfile.is_zipfile(path)
+
+    def keep(self, box: Box, arrays: Arrays) -> None:
+        """Keep the arrays of a tile."""
+        with atomic(self._path(box)) as temporary, temporary.open("wb") as file:
+            np.savez(file, allow_pickle=False, **arrays)
+
+    def read(self, box: Box) -> Arrays:
+        """Arrays of a finished tile."""
+        with np.load(self._path(box)) as data:
+            return {name: data[name] for name in data.files}
+
+    def clear(self) -> None:
+        """Remove all tiles, once the result is written."""
+        shutil.rmtree(self.folder.parent, ignore_errors=True)
+
+    def _path(self, box: Box) -> Path:
+        return self.folder / f"{box[0]}_{box[2]}.npz"

@@ -1,0 +1,1 @@
+"""Judgement: materials against photographs that no fit has seen."""

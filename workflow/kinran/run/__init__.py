@@ -1,0 +1,1 @@
+"""Runs: the whole pipeline, its configuration, its tests, its benchmarks, and a check of the machine."""

@@ -1,0 +1,28 @@
+"""Benchmarks: claims of speed and accuracy, measured on this machine; JSON out and a table."""
+
+import argparse
+import importlib
+import sys
+
+from kinran.base.files import InputError
+from kinran.base.project import ROOT
+
+NAMES = ("chart", "choice", "fit", "merge", "mixed", "real", "stability")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command; those of the benchmark follow its name."""
+    parser.add_argument("benchmark", choices=NAMES, help="what is measured")
+    parser.add_argument("rest", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
+    parser.epilog = "kinran bench NAME --help says what a benchmark takes."
+
+
+def main(args: argparse.Namespace) -> None:
+    """Run a benchmark."""
+    if not (ROOT / "benchmarks" / "__init__.py").is_file():
+        raise InputError(f"{ROOT}: has no benchmarks; work in a clone of the project")
+    sys.path.insert(0, str(ROOT))
+    benchmark = importlib.import_module(f"benchmarks.{args.benchmark}")
+    parser = argparse.ArgumentParser(prog=f"kinran bench {args.benchmark}", description=benchmark.__doc__)
+    benchmark.add_arguments(parser)
+    benchmark.main(parser.parse_args(args.rest))

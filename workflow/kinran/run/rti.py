@@ -1,0 +1,94 @@
+"""Run the pipeline on a folder of photographs with a `.lp` file: material, evaluation, render, report."""
+
+import os
+import re
+import subprocess
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated
+
+import yaml
+
+from kinran.base.files import InputError
+from kinran.base.project import ROOT
+from kinran.capture.photograph_set import Known, inspect
+
+WORK = ".kinran"
+"""Folder in OUT with the config, the sheets and the bookkeeping of the run."""
+
+
+@dataclass(frozen=True)
+class Inputs:
+    folder: Annotated[Path, "FOLDER", "photographs (JPEG, PNG, TIFF, EXR) and one .lp"]
+    chart: Annotated[
+        Path | None,
+        "--chart FILE",
+        "photograph of a colour chart under the same light; without it, the encoding's colours are believed",
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Known):
+    holdout: Annotated[int, "--holdout N", "hold every Nth light out; 0: none"] = 8
+    chart_corners: Annotated[
+        str,
+        "--chart-corners X,Y,X,Y,X,Y,X,Y",
+        "x,y of its corners from the top left, dark skin's first, then around; without it, it is found",
+    ] = ""
+    lamp: Annotated[str, "whose spectrum lights the chart: xenon, D50, D65, A, …"] = ""
+    cores: Annotated[int, "processor cores to use (default: all)"] = os.cpu_count() or 1
+
+
+def main(
+    inputs: Inputs, out: Annotated[Path, "--out OUT", "folder of the results"], options: Options = Options()
+) -> None:
+    """Write the config and run Snakemake on it."""
+    work = prepare(inputs, out, options)
+    command = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--directory", str(work)]
+    finished = subprocess.run([*command, "--cores", str(options.cores), "--quiet", "rules"], check=False)
+    if finished.returncode:
+        raise InputError(f"{out.resolve()}: the run did not finish; the messages above and {work / 'logs'} say why")
+    print(f"material    {out / 'material.exr'}")
+    print(f"evaluation  {out / 'evaluation.json'}")
+    print(f"report      {out / 'report.html'}")
+
+
+def prepare(inputs: Inputs, out: Path, options: Options) -> Path:
+    """Check a set, write its config and sheets into OUT, and return the working directory of the run.
+
+    The results of the fabric are OUT itself: `results/<fabric>` in the working directory leads there.
+    """
+    distances, out = asdict(options.distances), out.resolve()
+    inspect(inputs.folder.resolve(), options, options.holdout)
+    fabric = re.sub(r"[^a-z0-9_-]+", "-", out.name.lower()).strip("-_") or "fabric"
+    work = out / WORK
+    try:
+        (work / "config").mkdir(parents=True, exist_ok=True)
+        (work / "results").mkdir(exist_ok=True)
+        link = work / "results" / fabric
+        if not link.is_symlink():
+            link.symlink_to(out, target_is_directory=True)
+        defaults = yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8"))
+        defaults.update(holdout=options.holdout)
+        defaults["rig"]["device"] = "none"
+        defaults["scene"]["template"] = str(ROOT / defaults["scene"]["template"])
+        (work / "config.yaml").write_text(yaml.safe_dump(defaults, sort_keys=False), encoding="utf-8")
+        row = {
+            "fabric": fabric,
+            "source": str(inputs.folder.resolve()),
+            "encoding": options.encoding,
+            "crop": options.crop,
+            "regions": "",
+            "seeds": "",
+            **{name: "" if value is None else f"{value:.9f}" for name, value in distances.items()},
+            "chart": str(inputs.chart.resolve()) if inputs.chart else "",
+            "chart_corners": options.chart_corners,
+            "lamp": options.lamp,
+        }
+        rows = ["\t".join(row), "\t".join(row.values())]
+        (work / "config" / "fabrics.tsv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+        (work / "config" / "recapture.tsv").write_text("fabric\ttheta\tphi\trevision\treason\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written to ({error.strerror}); choose another output folder") from None
+    return work

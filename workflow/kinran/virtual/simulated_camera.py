@@ -1,0 +1,171 @@
+"""A simulated camera before a virtual fabric; it writes DNG files to a folder that is its card."""
+
+import shutil
+import zlib
+from dataclasses import fields
+from fractions import Fraction
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinran.base.files import InputError
+from kinran.base.frames import direction
+from kinran.rig.camera import CameraError
+from kinran.virtual import targets
+from kinran.virtual.dng import write_dng
+from kinran.virtual.sensor import BORDER, Sensor, shutter
+from kinran.virtual.weave import VirtualFabric
+
+CACHE = Path(".cache/kinran/virtual")
+"""Folder in which traced frames are kept."""
+LEAST_TEXELS = 16
+"""Fewest texels along a side: LibRaw refuses smaller frames."""
+TAKEN = "taken.txt"
+"""File on the card that lists all frames ever taken."""
+SUBJECTS = ("fabric", "white", "chart", "dark")
+
+
+class Rig(Protocol):
+    """The true state of a simulated goniometer, which the camera sees."""
+
+    @property
+    def pose(self) -> tuple[float, ...]:
+        """Pose in millidegrees; light θ and light φ come first."""
+
+    @property
+    def shutter_open(self) -> bool:
+        """Whether the lamp's shutter lets light through."""
+
+    @property
+    def lamp_seconds(self) -> float:
+        """Seconds since the lamp was lit."""
+
+    @property
+    def lamp_output(self) -> float:
+        """Relative light of the lamp; 0 is off."""
+
+
+class SimulatedCamera:
+    """A camera whose frames depend on scene, rig, exposure and number of the repeat alone.
+
+    Neither the order of the groups nor other shots change a frame.
+
+    Parameters
+    ----------
+    firmware
+        The simulated goniometer.
+    card
+        Folder that serves as the card and outlives the process.
+    scene
+        Parameters of the `VirtualFabric` by name; the others have their defaults.
+    cache
+        Folder in which traced frames are kept.
+    group
+        Group of the plan that is shot: repeats of a direction in two groups have different noise.
+
+    Raises
+    ------
+    InputError
+        A parameter is unknown, or its value is out of range.
+    """
+
+    suffix = ".dng"
+
+    def __init__(self, firmware: Rig, card: Path, scene: dict[str, Any], cache: Path = CACHE, group: str = "") -> None:
+        self._rig, self._card, self._cache, self._group = firmware, card, cache, group
+        self._fabric = _fabric(scene)
+        self._sensor = Sensor()
+        self._subject = "fabric"
+        card.mkdir(parents=True, exist_ok=True)
+
+    def place(self, subject: str) -> None:
+        """Put ``fabric``, ``white`` (plate), ``chart`` or ``dark`` (a cap) before the lens."""
+        if subject not in SUBJECTS:
+            raise CameraError(f"subject '{subject}': this camera knows {', '.join(SUBJECTS)}")
+        self._subject = subject
+
+    def expose(self, seconds: float) -> None:
+        """Take one frame at a nominal shutter time in seconds."""
+        if not 1 / 8000 < seconds <= 30:
+            raise CameraError(f"shutter time {seconds:g} s: this camera has 1/4000 s to 30 s")
+        rig, taken = self._rig, self._taken()
+        theta, phi = self._pose()
+        lamp = rig.lamp_output if rig.shutter_open and self._subject != "dark" else 0.0
+        frame = f"{self._group} {self._subject} {theta} {phi} {round(seconds * 1e6)}"
+        bayer = self._sensor.expose(
+            self._radiance(theta, phi)[::-1],
+            shutter(seconds),
+            lamp,
+            self._fabric.seed,
+            np.array([self._fabric.seed, zlib.crc32(frame.encode()), taken.count(frame)], np.uint64),
+        )
+        number = max([len(taken), *(int(path.stem[4:]) for path in self._card.glob(f"IMG_*{self.suffix}"))]) + 1
+        path = self._card / f"IMG_{number:05d}{self.suffix}"
+        clock = round(rig.lamp_seconds * 1000)
+        temporary = path.with_suffix(".part")
+        when = f"2000:01:01 {clock // 3_600_000 % 24:02d}:{clock // 60_000 % 60:02d}:{clock // 1000 % 60:02d}"
+        nominal = Fraction(seconds).limit_denominator(100_000)
+        write_dng(temporary, bayer, nominal, BORDER, self._sensor.black, 4095, when)
+        temporary.replace(path)
+        with (self._card / TAKEN).open("a") as file:
+            file.write(f"{frame}\n")
+
+    def card(self) -> list[str]:
+        """Names of the files on the card, oldest first."""
+        return sorted(path.name for path in self._card.glob(f"*{self.suffix}"))
+
+    def download(self, name: str, to: Path) -> None:
+        """Copy a file from the card."""
+        shutil.copyfile(self._file(name), to)
+
+    def delete(self, name: str) -> None:
+        """Delete a file on the card."""
+        self._file(name).unlink()
+
+    def _file(self, name: str) -> Path:
+        if name not in self.card():
+            raise CameraError(f"{name}: no such file on the card; list the card again")
+        return self._card / name
+
+    def _taken(self) -> list[str]:
+        """Return a line for each frame ever taken: the camera counts on when files are deleted."""
+        path = self._card / TAKEN
+        return path.read_text().splitlines() if path.exists() else []
+
+    def _pose(self) -> tuple[int, int]:
+        """Return light θ and φ in millidegrees, rounded to the hundredth of a degree in which scenes are traced."""
+        theta, phi = (round(angle / 10) * 10 for angle in self._rig.pose[:2])
+        if theta < 0:
+            theta, phi = -theta, phi + 180_000
+        return theta, phi % 360_000 if theta else 0
+
+    def _radiance(self, theta: int, phi: int) -> NDArray[np.float32]:
+        fabric = self._fabric
+        if self._subject == "dark":
+            return np.zeros((fabric.texels, fabric.texels, 3), np.float32)
+        if self._subject == "fabric":
+            return _traced(fabric, theta, phi, self._cache)
+        light = direction(*np.radians(np.array([theta, phi]) / 1000))
+        subject = targets.white if self._subject == "white" else targets.chart
+        return subject(light, fabric.field_mm, fabric.texels, fabric.lamp_mm)
+
+
+@lru_cache(maxsize=2)  # a bracket sees the same scene at all its exposures
+def _traced(fabric: VirtualFabric, theta: int, phi: int, cache: Path) -> NDArray[np.float32]:
+    return fabric.frame(theta, phi, cache)
+
+
+def _fabric(scene: dict[str, Any]) -> VirtualFabric:
+    known = {field.name: field.type for field in fields(VirtualFabric)}
+    if unknown := sorted(set(scene) - set(known)):
+        raise InputError(f"virtual scene: '{unknown[0]}' is not known; it takes {', '.join(known)}")
+    for name, value in scene.items():
+        if isinstance(value, bool) or not isinstance(value, int | float) or value < (name != "seed"):
+            raise InputError(f"virtual scene: {name} = {value!r}; give a positive number")
+    fabric = VirtualFabric(**scene)
+    if fabric.texels < LEAST_TEXELS:
+        raise InputError(f"virtual scene: texels = {fabric.texels}; give at least {LEAST_TEXELS}")
+    return fabric
