@@ -35,7 +35,7 @@ from kinran.data.radiance import Radiance
 from kinran.data.radiance_stack import Light, Metadata, ShardWriter, Stack, write_metadata, write_shards
 from kinran.data.raw import read_raw
 from kinran.data.shards import SHARD
-from kinran.virtual.dng import write_dng
+from kinran.virtual.dng import Tags, write_dng
 
 REPEATS = 5
 """Runs of which the quickest counts. A choice."""
@@ -193,7 +193,7 @@ def bench_camera(rows: int, columns: int) -> CalibratedCamera:
 
 
 def _write(path: Path, counts: NDArray[np.uint16], seconds: Fraction, encoded: bytes | None = None) -> None:
-    write_dng(path, counts, seconds, 0, BLACK, 4095, "2000:01:01 00:00:00", encoded=encoded)
+    write_dng(path, counts, Tags(seconds, 0, BLACK, 4095, "2000:01:01 00:00:00"), encoded)
 
 
 def memory(folder: Path, rows: int, columns: int) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from kinran.virtual.dng import RGGB, write_dng
+from kinran.virtual.dng import RGGB, Tags, write_dng
 
 RATES = (25, 100, 250, 1000, 4000)
 TRUE = {rate: 2.0 ** (-n / 3) for rate, n in zip(RATES, (14, 20, 24, 30, 36), strict=True)}
@@ -35,7 +35,7 @@ def write(path: Path, counts: np.ndarray, rate: int, mask: int = MASK, **tags: o
     dark = np.floor(rng.normal(BLACK, READ, (mask, counts.shape[1])) + 0.5).astype(np.uint16)
     whole = np.concatenate([dark, counts])
     values: dict[str, object] = {"black": BLACK, "white": 4095, "when": "2000:01:01 00:00:00", "pattern": RGGB, **tags}
-    write_dng(path, whole, Fraction(1, rate), mask, **values)  # type: ignore[arg-type]
+    write_dng(path, whole, Tags(Fraction(1, rate), mask, **values))  # type: ignore[arg-type]
     return path
 
 

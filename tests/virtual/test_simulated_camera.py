@@ -9,7 +9,7 @@ import pytest
 from kinran.base.files import InputError
 from kinran.data.raw import read_raw
 from kinran.rig.camera import CameraError
-from kinran.virtual.dng import write_dng
+from kinran.virtual.dng import Tags, write_dng
 from kinran.virtual.sensor import BORDER, CROSSTALK, Sensor, shutter
 from kinran.virtual.simulated_camera import SimulatedCamera
 from kinran.virtual.weave import VirtualFabric
@@ -43,7 +43,7 @@ def test_a_dng_comes_back_bit_by_bit(tmp_path: Path) -> None:
 
     counts = np.random.default_rng(1).integers(0, 4096, (32 + BORDER, 40)).astype(np.uint16)
     path = tmp_path / "frame.dng"
-    write_dng(path, counts, Fraction(1, 250), BORDER, 256, 4095, "2000:01:01 00:00:00")
+    write_dng(path, counts, Tags(Fraction(1, 250), BORDER, 256, 4095, "2000:01:01 00:00:00"))
     frame = read_raw(path)
     picture = counts[BORDER:][::-1]  # rows from the bottom: B rows come first
     np.testing.assert_array_equal(frame.planes[0], picture[1::2, 0::2])
@@ -61,7 +61,7 @@ def test_darkness_under_the_mask_forgets_hot_sites(tmp_path: Path) -> None:
     counts = np.round(rng.normal(256.4, 1.2, (64 + BORDER, 64))).astype(np.uint16)
     counts[3, 10] = 4000
     path = tmp_path / "frame.dng"
-    write_dng(path, counts, Fraction(1, 25), BORDER, 256, 4095, "2000:01:01 00:00:00")
+    write_dng(path, counts, Tags(Fraction(1, 25), BORDER, 256, 4095, "2000:01:01 00:00:00"))
     frame = read_raw(path)
     assert frame.masked
     assert frame.black == pytest.approx(256.4, abs=0.15)

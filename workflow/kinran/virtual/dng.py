@@ -1,5 +1,6 @@
 """Write Bayer DNG files, as a camera does: uncompressed, with an optical-black border and EXIF."""
 
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -16,18 +17,36 @@ COLOUR_MATRIX = (7054, -1501, -990, -8156, 15544, 2812, -1278, 1414, 7796)
 """XYZ (D65) to camera, × 10⁴ as in DNG, of the profile of a common APS-C camera. Nothing in Kinran reads it."""
 
 
-def write_dng(
-    path: Path,
-    bayer: NDArray[np.uint16],
-    seconds: Fraction,
-    border: int,
-    black: int,
-    white: int,
-    when: str,
-    pattern: tuple[int, int, int, int] = RGGB,
-    orientation: int = 1,
-    encoded: bytes | None = None,
-) -> None:
+@dataclass(frozen=True)
+class Tags:
+    """What a frame says of itself.
+
+    Attributes
+    ----------
+    seconds
+        Nominal shutter time in seconds, for EXIF.
+    border
+        Rows at the top that a mask covers.
+    black, white
+        Levels in counts.
+    when
+        EXIF date, ``YYYY:MM:DD HH:MM:SS``.
+    pattern
+        Colours (0 red, 1 green, 2 blue) of the first two sites of the first two rows under the mask.
+    orientation
+        EXIF's orientation: 1 upright; 3, 6 and 8 for a camera that was turned.
+    """
+
+    seconds: Fraction
+    border: int
+    black: int
+    white: int
+    when: str
+    pattern: tuple[int, int, int, int] = RGGB
+    orientation: int = 1
+
+
+def write_dng(path: Path, bayer: NDArray[np.uint16], said: Tags, encoded: bytes | None = None) -> None:
     """Write one frame of a Bayer sensor.
 
     Parameters
@@ -35,17 +54,9 @@ def write_dng(
     path
         File to write; not atomic.
     bayer : (h, w) uint16
-        Counts, top row first; the first `border` rows are covered by a mask.
-    seconds
-        Nominal shutter time in seconds, for EXIF.
-    black, white
-        Levels in counts, for the tags.
-    when
-        EXIF date, ``YYYY:MM:DD HH:MM:SS``.
-    pattern
-        Colours (0 red, 1 green, 2 blue) of the first two sites of the first two rows under the mask.
-    orientation
-        EXIF's orientation: 1 upright; 3, 6 and 8 for a camera that was turned.
+        Counts, top row first.
+    said
+        Tags of the frame.
     encoded
         The counts as a lossless JPEG; None to store them uncompressed.
     """
@@ -58,20 +69,20 @@ def write_dng(
         (271, "s", 0, "Kinran", True),  # Make
         (272, "s", 0, MODEL, True),
         (33421, "H", 2, (2, 2), True),  # CFARepeatPatternDim
-        (33422, "B", 4, bytes(pattern), True),  # CFAPattern
+        (33422, "B", 4, bytes(said.pattern), True),  # CFAPattern
         (50711, "H", 1, 1, True),  # CFALayout: rectangular
-        (50829, "I", 4, (border, 0, height, width), True),  # ActiveArea
-        (50714, "H", 1, black, True),
-        (50717, "H", 1, white, True),
+        (50829, "I", 4, (said.border, 0, height, width), True),  # ActiveArea
+        (50714, "H", 1, said.black, True),
+        (50717, "H", 1, said.white, True),
         (50721, "2i", 9, matrix, True),  # ColorMatrix1
         (50728, "2I", 3, [1, 1, 1, 1, 1, 1], True),  # AsShotNeutral
         (50778, "H", 1, 21, True),  # CalibrationIlluminant1: D65
-        (274, "H", 1, orientation, True),
-        (33434, "2I", 1, (seconds.numerator, seconds.denominator), True),
+        (274, "H", 1, said.orientation, True),
+        (33434, "2I", 1, (said.seconds.numerator, said.seconds.denominator), True),
         (34855, "H", 1, 100, True),  # ISO
         (33437, "2I", 1, (8, 1), True),  # aperture
-        (36867, "s", 0, when, True),
-        (306, "s", 0, when, True),
+        (36867, "s", 0, said.when, True),
+        (306, "s", 0, said.when, True),
     ]
     how = {
         "photometric": 32803,

@@ -15,7 +15,7 @@ from kinran.base.files import InputError
 from kinran.base.frames import direction
 from kinran.rig.camera import CameraError
 from kinran.virtual import targets
-from kinran.virtual.dng import write_dng
+from kinran.virtual.dng import Tags, write_dng
 from kinran.virtual.sensor import BORDER, Sensor, shutter
 from kinran.virtual.weave import VirtualFabric
 
@@ -108,7 +108,7 @@ class SimulatedCamera:
         temporary = path.with_suffix(".part")
         when = f"2000:01:01 {clock // 3_600_000 % 24:02d}:{clock // 60_000 % 60:02d}:{clock // 1000 % 60:02d}"
         nominal = Fraction(seconds).limit_denominator(100_000)
-        write_dng(temporary, bayer, nominal, BORDER, self._sensor.black, 4095, when)
+        write_dng(temporary, bayer, Tags(nominal, BORDER, self._sensor.black, 4095, when))
         temporary.replace(path)
         with (self._card / TAKEN).open("a") as file:
             file.write(f"{frame}\n")
