@@ -58,7 +58,7 @@ class Fabric:
     @cached_property
     def second(self) -> LabelMap:
         """Region (y, x) that shares each texel; the texel's own label where none does."""
-        return read_second(self.labels_path)
+        return read_second(self.labels_path, self.labels)
 
     @cached_property
     def regions(self) -> list[Region]:

@@ -69,10 +69,12 @@ def read_labels(path: Path) -> LabelMap:
     return read_channel(path, "label", np.uint16)
 
 
-def read_second(path: Path) -> LabelMap:
+def read_second(path: Path, labels: LabelMap) -> LabelMap:
     """Read the region (y, x) that shares each texel by more than 1 − `MIXED`; the texel's own label where none does."""
-    share = read_channel(path, "membership", np.float16)
-    return np.where(share < MIXED, read_channel(path, "second", np.uint16), read_labels(path))
+    second = read_channel(path, "second", np.uint16)
+    own = read_channel(path, "membership", np.float16) >= MIXED
+    np.copyto(second, labels, where=own)
+    return second
 
 
 def write_regions(path: Path, regions: list[Region]) -> None:

@@ -2,6 +2,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,6 @@ from kinran.fit.solver import fused, prepare
 from kinran.fit.solver.lobes import DIFFUSE_SIZE, LOBE_SIZE, TAILS, squared_widths
 from kinran.fit.solver.rows import LANES
 from kinran.fit.solver.sums import summed
-from kinran.fit.solver.values import Found, Given, Light, Model, Search, Texels
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -185,6 +185,37 @@ def _least(under: Under, lobes: Lobes, narrow: float | None) -> Array:
     return least
 
 
+class Light(NamedTuple):
+    """Half-vector slopes (2, row), directions (3, row) and the solid angle (row,) that a light stands for.
+
+    Rows are as long as a multiple of `LANES`, with zeros beyond the last light.
+    """
+
+    S: Single
+    L: Single
+    solid: Single
+
+
+class Given(NamedTuple):
+    """Bounds and priors of texels.
+
+    Attributes
+    ----------
+    narrow : (texel,)
+        Smallest width of a lobe; `wide` is the largest.
+    centre, stiffness : (texel, K)
+        Prior: F + Σ ρ_k (p_k - p̄_k)².
+    dark : (texel,) bool
+        Whether a prior holds the amplitudes of Gaussian lobes, one of two or over a bent diffuse term.
+    """
+
+    narrow: Array
+    wide: float
+    centre: Array
+    stiffness: Array
+    dark: NDArray[np.bool_]
+
+
 @dataclass(frozen=True)
 class _Job:
     """Samples, model and priors of a fit, which is done block by block."""
@@ -228,12 +259,26 @@ class _Job:
         if start is not None:
             found.shapes[:] = start
         fused.fit_block(
-            Model(TAILS[self.lobes.tail], self.lobes.count, self.lobes.bent),
-            Texels(T, W),
-            lights,
-            given,
-            Search(self.iterations, SCOUTS, TOLERANCE, start is not None),
-            Found(found.shapes, found.colours, found.cost),
+            TAILS[self.lobes.tail],
+            self.lobes.count,
+            self.lobes.bent,
+            T,
+            W,
+            lights.S,
+            lights.L,
+            lights.solid,
+            given.narrow,
+            given.wide,
+            given.centre,
+            given.stiffness,
+            given.dark,
+            self.iterations,
+            SCOUTS,
+            TOLERANCE,
+            start is not None,
+            found.shapes,
+            found.colours,
+            found.cost,
         )
         return found
 

@@ -9,7 +9,6 @@ from kinran.fit.solver.rows import LANES
 from kinran.fit.solver.start import pair
 from kinran.fit.solver.sums import summed
 from kinran.fit.solver.turn import SINGLE, turn
-from kinran.fit.solver.values import Found, Given, Light, Model, Search, Texels
 
 SIZE = LOBE_SIZE + DIFFUSE_SIZE
 
@@ -21,12 +20,26 @@ def compile_all() -> None:
     rows = np.zeros((6, LANES), np.float32)
     nothing, dark = np.zeros((1, SIZE)), np.zeros(1, bool)
     fit_block(
-        Model(GGX, 1, True),
-        Texels(single, weights),
-        Light(rows[:2], rows[2:5], rows[5]),
-        Given(np.full(1, 0.02), 2.0, nothing, nothing, dark),
-        Search(1, 1, 1e-3, False),
-        Found(shapes, colours, np.zeros(1)),
+        GGX,
+        1,
+        True,
+        single,
+        weights,
+        rows[:2],
+        rows[2:5],
+        rows[5],
+        np.full(1, 0.02),
+        2.0,
+        nothing,
+        nothing,
+        dark,
+        1,
+        1,
+        1e-3,
+        False,
+        shapes,
+        colours,
+        np.zeros(1),
     )
     summed(GGX, shapes, colours, np.zeros((1, 2)), double, single)
     total = SIZE + 6

@@ -24,7 +24,6 @@ from kinran.fit.solver.linear import RIDGE, cholesky_solve, invert, nonnegative,
 from kinran.fit.solver.lobes import DIFFUSE_SIZE, GAUSSIAN, GGX, LOBE_SIZE, confine
 from kinran.fit.solver.rows import along, diffuse_rows, gram, lobe_products, lobe_rows, remainder, take
 from kinran.fit.solver.start import highlight, pair
-from kinran.fit.solver.values import Data, Fit, Found, Given, Known, Light, Model, Search, System, Texels, Work
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -41,35 +40,47 @@ SINGULAR = 1e-9
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def layout(model: Model) -> tuple[int, int, int, int, int]:
+def layout(lobes: int, bent: bool) -> tuple[int, int, int, int, int]:
     """Numbers of shapes, columns and channels, the row of the first residual, and rows in all, a multiple of 4."""
-    shapes = LOBE_SIZE * model.lobes + (DIFFUSE_SIZE if model.bent else 0)
-    channels = 1 if model.lobes == 1 and not model.bent else 3
-    rest = shapes + model.lobes + 1
-    return shapes, model.lobes + 1, channels, rest, (rest + channels + 3) // 4 * 4
+    shapes = LOBE_SIZE * lobes + (DIFFUSE_SIZE if bent else 0)
+    channels = 1 if lobes == 1 and not bent else 3
+    rest = shapes + lobes + 1
+    return shapes, lobes + 1, channels, rest, (rest + channels + 3) // 4 * 4
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def evaluate(model: Model, fit: Fit, light: Light, data: Data, work: Work, M: Array) -> None:
-    """Products M of all rows for the shapes, with the residual of the colours (columns, channels)."""
-    shapes, columns, channels, first_rest, _ = layout(model)
-    for k in range(model.lobes):
-        lobe_rows(model.tail, fit.p, LOBE_SIZE * k, light.S, data.root, work.scale, work.R, shapes + k)
-    if model.bent:
-        diffuse_rows(fit.p, LOBE_SIZE * model.lobes, light.L, data.root, work.R, shapes + model.lobes)
+def evaluate(
+    tail: int,
+    lobes: int,
+    bent: bool,
+    p: Array,
+    C: Array,
+    S: Single,
+    L: Single,
+    root: Single,
+    Y: Single,
+    scale: Single,
+    R: Single,
+    M: Array,
+) -> None:
+    """Products M of all rows for shapes p, with the residual of the colours C (columns, channels)."""
+    shapes, columns, channels, first_rest, _ = layout(lobes, bent)
+    for k in range(lobes):
+        lobe_rows(tail, p, LOBE_SIZE * k, S, root, scale, R, shapes + k)
+    if bent:
+        diffuse_rows(p, LOBE_SIZE * lobes, L, root, R, shapes + lobes)
     for c in range(channels):
-        remainder(data.Y, c, work.R, shapes, columns, fit.C, first_rest + c)
-    gram(work.R, M)
+        remainder(Y, c, R, shapes, columns, C, first_rest + c)
+    gram(R, M)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def colours(model: Model, dark: float, M: Array, C: Array, out: Array, work: Array) -> float:
+def colours(lobes: int, bent: bool, dark: float, M: Array, C: Array, out: Array, work: Array) -> float:
     """Best colours `out` for the shapes of M, whose residual is that of C; returns the cost without the prior.
 
     `dark` is the weight of the prior on amplitudes.
     """
-    shapes, columns, channels, first_rest, _ = layout(model)
-    lobes = model.lobes
+    shapes, columns, channels, first_rest, _ = layout(lobes, bent)
     A, inverse, b, x, scratch = work[:3], work[3:6], work[6], work[7], work[8:]
     largest = 1.0
     for a in range(columns):
@@ -112,10 +123,11 @@ def colours(model: Model, dark: float, M: Array, C: Array, out: Array, work: Arr
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def normal_equations(model: Model, dark: float, M: Array, before: Array, C: Array, system: System, work: Array) -> None:
+def normal_equations(
+    lobes: int, bent: bool, dark: float, M: Array, before: Array, C: Array, H: Array, g: Array, work: Array
+) -> None:
     """Kaufman's projected normal matrix and gradient for colours C; the residual in M is that of `before`."""
-    shapes, columns, channels, first_rest, _ = layout(model)
-    lobes, H, g = model.lobes, system.H, system.g
+    shapes, columns, channels, first_rest, _ = layout(lobes, bent)
     first_value = shapes
     A, inverse, x, X = work[:columns], work[columns : 2 * columns], work[2 * columns], work[2 * columns + 1 :]
     # a column that holds nothing is outside the active set and has no part in the projection
@@ -154,40 +166,60 @@ def normal_equations(model: Model, dark: float, M: Array, before: Array, C: Arra
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def penalty(model: Model, known: Known, fit: Fit) -> float:
+def penalty(p: Array, centre: Array, stiffness: Array, dark: float, C: Array, lobes: int, channels: int) -> float:
     """Cost of the priors on shapes and amplitudes."""
     total = 0.0
-    for k in range(known.stiffness.size):
-        total += known.stiffness[k] * (fit.p[k] - known.centre[k]) ** 2
-    for k in range(model.lobes):
-        for c in range(layout(model)[2]):
-            total += known.dark * fit.C[k, c] * fit.C[k, c]
+    for k in range(stiffness.size):
+        total += stiffness[k] * (p[k] - centre[k]) ** 2
+    for k in range(lobes):
+        for c in range(channels):
+            total += dark * C[k, c] * C[k, c]
     return total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def descend(model: Model, fit: Fit, light: Light, data: Data, known: Known, search: Search, work: Work) -> float:
-    """Levenberg-Marquardt from the shapes of `fit`, which it changes; returns the cost without the priors."""
-    shapes = layout(model)[0]
-    p, C, lobes = fit.p, fit.C, model.lobes
-    big, small = work.big, work.small
+def descend(
+    tail: int,
+    lobes: int,
+    bent: bool,
+    p: Array,
+    C: Array,
+    S: Single,
+    L: Single,
+    root: Single,
+    Y: Single,
+    R: Single,
+    scale: Single,
+    narrow: float,
+    wide: float,
+    centre: Array,
+    stiffness: Array,
+    dark: float,
+    iterations: int,
+    tolerance: float,
+    big: Array,
+    small: Array,
+) -> float:
+    """Levenberg-Marquardt from the shapes p (in place); colours into C, the cost without the priors returned."""
+    shapes, _, channels, _, _ = layout(lobes, bent)
     M, M_new = big[0], big[1]
     H, damped, F = big[2], big[3], big[4]
     g, step, trial = small[0], small[1], small[2, : p.size]
+    work = big[5]
     before, new = big[6, :3, :3], big[7, :3, :3]
     before[:] = 0.0
-    confine(p, lobes, known.narrow, known.wide)
-    evaluate(model, Fit(p, before), light, data, work, M)
-    cost_of_data = colours(model, known.dark, M, before, C, big[5])
-    cost = cost_of_data + penalty(model, known, fit)
+    confine(p, lobes, narrow, wide)
+    evaluate(tail, lobes, bent, p, before, S, L, root, Y, scale, R, M)
+    data = colours(lobes, bent, dark, M, before, C, work)
+    cost = data + penalty(p, centre, stiffness, dark, C, lobes, channels)
     damping = DAMPING_START
-    for _ in range(search.iterations):
-        normal_equations(model, known.dark, M, before, C, System(H, g), big[5])
+    for _ in range(iterations):
+        normal_equations(lobes, bent, dark, M, before, C, H, g, work)
         largest = 0.0
         for k in range(shapes):
-            H[k, k] += known.stiffness[k]
+            H[k, k] += stiffness[k]
             largest = max(largest, H[k, k])
-            g[k] -= known.stiffness[k] * (p[k] - known.centre[k])
+            g[k] -= stiffness[k] * (p[k] - centre[k])
         accepted, gain = False, 0.0
         for _try in range(TRIES):
             for k in range(shapes):
@@ -198,15 +230,15 @@ def descend(model: Model, fit: Fit, light: Light, data: Data, known: Known, sear
                 expected = 0.0
                 for k in range(shapes):
                     expected += step[k] * (g[k] + damping * H[k, k] * step[k])
-                if expected < search.tolerance * cost:
+                if expected < tolerance * cost:
                     break
                 trial[:] = p
                 for k in range(shapes):
                     trial[k] += min(max(step[k], -1.0), 1.0)
-                confine(trial, lobes, known.narrow, known.wide)
-                evaluate(model, Fit(trial, C), light, data, work, M_new)
-                new_data = colours(model, known.dark, M_new, C, new, big[5])
-                new_cost = new_data + penalty(model, known, Fit(trial, new))
+                confine(trial, lobes, narrow, wide)
+                evaluate(tail, lobes, bent, trial, C, S, L, root, Y, scale, R, M_new)
+                new_data = colours(lobes, bent, dark, M_new, C, new, work)
+                new_cost = new_data + penalty(trial, centre, stiffness, dark, new, lobes, channels)
                 if new_cost < cost:
                     accepted = True
                     gain = cost - new_cost
@@ -218,73 +250,145 @@ def descend(model: Model, fit: Fit, light: Light, data: Data, known: Known, sear
         before[:] = C
         C[:] = new
         M, M_new = M_new, M
-        cost_of_data, cost = new_data, new_cost
+        data, cost = new_data, new_cost
         damping = max(damping * DAMPING_DOWN, 1e-9)
-        if gain < search.tolerance * (cost + gain):
+        if gain < tolerance * (cost + gain):
             break
-    return cost_of_data
+    return data
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def lone(tail: int, fit: Fit, tint: Array, light: Light, data: Data, known: Known, search: Search, work: Work) -> None:
+def lone(
+    tail: int,
+    p: Array,
+    tint: Array,
+    C: Array,
+    S: Single,
+    L: Single,
+    root: Single,
+    Y: Single,
+    one: Single,
+    R: Single,
+    scale: Single,
+    narrow: float,
+    wide: float,
+    centre: Array,
+    stiffness: Array,
+    iterations: int,
+    tolerance: float,
+    big: Array,
+    small: Array,
+) -> None:
     """`descend` of one lobe over an untilted diffuse term, by the data along `tint`."""
     norm = math.sqrt(tint[0] ** 2 + tint[1] ** 2 + tint[2] ** 2)
     for c in range(3):
         tint[c] = tint[c] / norm if norm > 0.0 else math.sqrt(1.0 / 3.0)
-    one = np.empty((1, data.root.size), f4)
-    along(data.Y, tint, one)
-    for i in range(data.root.size):
-        work.R[LOBE_SIZE + 1, i] = light.L[2, i] * data.root[i]
-    descend(Model(tail, 1, False), fit, light, Data(data.root, one), known, search, work)
+    along(Y, tint, one)
+    for i in range(root.size):
+        R[LOBE_SIZE + 1, i] = L[2, i] * root[i]
+    descend(
+        tail, 1, False, p, C, S, L, root, one, R, scale, narrow, wide, centre, stiffness, 0.0, iterations,
+        tolerance, big, small,
+    )  # fmt: skip
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def colour_lone(tail: int, fit: Fit, light: Light, data: Data, m: Single, work: Array) -> float:
-    """Colours (2, 3) of the three channels for the shape of `fit` and the diffuse row m; returns the cost."""
+def colour_lone(tail: int, p: Array, C: Array, S: Single, root: Single, Y: Single, m: Single, work: Array) -> float:
+    """Colours C (2, 3) of the three channels for a shape and the diffuse row m; returns the cost."""
     A, B, b, x = work[:2], work[2:4], work[4], work[5]
-    cost = lobe_products(tail, fit.p, light.S, data.root, m, data.Y, A, B)
+    cost = lobe_products(tail, p, S, root, m, Y, A, B)
     for c in range(3):
         b[0], b[1] = B[0, c], B[1, c]
         cost += nonnegative2(A, b, x)
-        fit.C[0, c], fit.C[1, c] = x[0], x[1]
+        C[0, c], C[1, c] = x[0], x[1]
     return max(cost, 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fit_block(model: Model, texels: Texels, light: Light, given: Given, search: Search, found: Found) -> None:
-    """Fit a block of texels; the shapes of `found` are the start of a warm search."""
-    shapes, columns, _, _, rows = layout(model)
-    tail, lobes = model.tail, model.lobes
-    n = light.S.shape[1]
-    data, y, scale = Data(np.zeros(n, f4), np.zeros((3, n), f4)), np.zeros(n, f4), np.zeros(n, f4)
+def fit_block(
+    tail: int,
+    lobes: int,
+    bent: bool,
+    T: Single,
+    W: Single,
+    S: Single,
+    L: Single,
+    solid: Single,
+    narrow: Array,
+    wide: float,
+    centre: Array,
+    stiffness: Array,
+    dark: Array,
+    iterations: int,
+    scouts: int,
+    tolerance: float,
+    warm: bool,
+    P: Array,
+    C: Array,
+    F: Array,
+) -> None:
+    """Fit a block of texels. Arguments stand alone: as members of named tuples they cost a lone lobe 7 % (docs/fit.md).
+
+    Parameters
+    ----------
+    T, W : (texel, 3, light), (texel, light)
+        Samples and weights; 0 leaves a sample out, as does NaN or infinity.
+    S, L, solid : (2, row), (3, row), (row,)
+        Half-vector slopes, directions, and the solid angle that a light stands for; zeros beyond the last light.
+    narrow : (texel,)
+        Smallest width of a lobe; `wide` is the largest.
+    centre, stiffness : (texel, K)
+        Prior: F + Σ ρ_k (p_k - p̄_k)².
+    dark : (texel,) bool
+        Whether a prior holds the amplitudes of Gaussian lobes, one of two or over a bent diffuse term.
+    iterations, scouts
+        At most; the scouts are those of the lone GGX lobe that two lobes start from.
+    warm
+        Whether the shapes P are the start.
+    P, C, F
+        Results: shapes (texel, K), colours (texel, columns, 3), weighted squared residual (texel,).
+    """
+    shapes, columns, _, _, rows = layout(lobes, bent)
+    n = S.shape[1]
+    root, y, scale, Y, one = (
+        np.zeros(n, f4),
+        np.zeros(n, f4),
+        np.zeros(n, f4),
+        np.zeros((3, n), f4),
+        np.zeros((1, n), f4),
+    )
+    R, R1 = np.zeros((rows, n), f4), np.zeros((layout(1, False)[4], n), f4)
     side = max(rows, 20)
     big, small = np.zeros((8, side, side)), np.zeros((3, side))
-    work = Work(np.zeros((rows, n), f4), scale, big, small)
-    scout = Work(np.zeros((layout(Model(tail, 1, False))[4], n), f4), scale, big, small)
     size = LOBE_SIZE * lobes + DIFFUSE_SIZE
     p, first, tint, free = np.zeros(size), np.zeros(size), np.zeros(3), np.zeros(size)
     best = np.zeros((3, 3))
-    plain = lobes == 1 and not model.bent
-    for t in range(len(texels.T)):
-        take(texels.T, texels.W, t, data.root, data.Y, y)
-        if plain or not search.warm:
+    plain = lobes == 1 and not bent
+    for t in range(len(T)):
+        take(T, W, t, root, Y, y)
+        if plain or not warm:
             first[:] = 0.0
-            highlight(GGX if lobes == 2 else tail, y, light.S, light.L, light.solid, data.root, data.Y, first, tint)
-        if lobes == 2 and not search.warm:
-            nothing = Known(given.narrow[t], given.wide, free, free, 0.0)
-            few = Search(search.scouts, 0, search.tolerance, False)
-            lone(GGX, Fit(first, best), tint, light, data, nothing, few, scout)
+            highlight(GGX if lobes == 2 else tail, y, S, L, solid, root, Y, first, tint)
+        if lobes == 2 and not warm:
+            lone(
+                GGX, first, tint, best, S, L, root, Y, one, R1, scale, narrow[t], wide, free, free, scouts, tolerance,
+                big, small,
+            )  # fmt: skip
             pair(first)
-        p[:] = found.P[t] if search.warm else first
-        dark = UNSEEN if given.dark[t] and tail == GAUSSIAN else 0.0
-        known = Known(given.narrow[t], given.wide, given.centre[t], given.stiffness[t], 0.0 if plain else dark)
+        p[:] = P[t] if warm else first
         if plain:
-            lone(tail, Fit(p, best), tint, light, data, known, search, work)
-            found.F[t] = colour_lone(tail, Fit(p, found.C[t]), light, data, work.R[LOBE_SIZE + 1], big[0])
+            lone(
+                tail, p, tint, best, S, L, root, Y, one, R, scale, narrow[t], wide, centre[t], stiffness[t],
+                iterations, tolerance, big, small,
+            )  # fmt: skip
+            F[t] = colour_lone(tail, p, C[t], S, root, Y, R[LOBE_SIZE + 1], big[0])
         else:
-            if not model.bent:
+            if not bent:
                 for i in range(n):
-                    work.R[shapes + lobes, i] = light.L[2, i] * data.root[i]
-            found.F[t] = descend(model, Fit(p, best), light, data, known, search, work)
-            found.C[t] = best[:columns]
-        found.P[t] = p
+                    R[shapes + lobes, i] = L[2, i] * root[i]
+            F[t] = descend(
+                tail, lobes, bent, p, best, S, L, root, Y, R, scale, narrow[t], wide, centre[t], stiffness[t],
+                UNSEEN if dark[t] and tail == GAUSSIAN else 0.0, iterations, tolerance, big, small,
+            )  # fmt: skip
+            C[t] = best[:columns]
+        P[t] = p
