@@ -155,7 +155,9 @@ def fit(
     prepare()
     # for another layout the solver would be compiled anew
     samples = replace(samples, T=np.ascontiguousarray(samples.T), W=np.ascontiguousarray(samples.W))
-    job = _Job(samples, lobes, priors, _least(samples.under, lobes, narrow), start, iterations)
+    least = _least(samples.under, lobes, narrow)
+    given = _nothing(least, lobes) if priors is None else _given(priors, samples.region, least)
+    job = _Job(samples, lobes, priors, least, given, start, iterations)
     result = SlopeFit.empty(lobes, len(samples))
 
     def block(at: tuple[int, Index]) -> None:
@@ -224,6 +226,7 @@ class _Job:
     lobes: Lobes
     priors: list[Prior] | None
     least: Array
+    given: Given
     start: Array | None
     iterations: int
 
@@ -233,12 +236,10 @@ class _Job:
         T, W, region = samples.T[at], samples.W[at], samples.region[at]
         lights = _rows(samples.under.lights[cell], samples.under.slopes[cell])
         start = None if self.start is None else self.start[at]
-        if self.priors is None:
-            return self._descend(T, W, lights, _nothing(self.least[at], self.lobes), start)
-        given = _given(self.priors, region, self.least[at])
+        given = _of_texels(self.given, at)
         result = self._descend(T, W, lights, given, start)
         one = np.flatnonzero(samples.second[at] != region)
-        if len(one) and samples.under.count < FEW:
+        if self.priors is not None and len(one) and samples.under.count < FEW:
             of = [r.shared(s) for r in self.priors for s in self.priors]
             pair = region[one] * len(self.priors) + samples.second[at][one]
             other = _given(of, pair, self.least[at][one])
@@ -302,7 +303,7 @@ def _given(priors: list[Prior], region: NDArray[np.intp], least: Array) -> Given
     return Given(narrow, MAX_WIDTH, centre[region], stiffness[region], dark[region])
 
 
-def _of_texels(given: Given, at: NDArray[np.intp]) -> Given:
+def _of_texels(given: Given, at: Index) -> Given:
     """Bounds and priors of some of the texels."""
     return Given(given.narrow[at], given.wide, given.centre[at], given.stiffness[at], given.dark[at])
 
