@@ -20,6 +20,7 @@ from kinran.data.capture_plan import Plan, read_plan
 from kinran.rig.camera import Camera, CameraError
 from kinran.rig.firmware import Firmware
 from kinran.rig.goniometer import Goniometer
+from kinran.rig.hid_goniometer import HidGoniometer
 from kinran.rig.motion import mdeg
 from kinran.rig.simulation import PacedCamera, simulated_goniometer
 from kinran.rig.transport import SimulatedHid
@@ -248,7 +249,7 @@ def host(address: str, root: Path, kill_at: int) -> None:
 
         @contextmanager
         def devices() -> Iterator[tuple[Goniometer, Camera]]:
-            rig = Goniometer(remote, remote.clock, live=False)
+            rig = HidGoniometer(remote, remote.clock, live=False)
             yield rig, remote
             rig.close()
 

@@ -1,5 +1,6 @@
 """HID handles: opening the real one through hidapi, and the habits of the simulated one."""
 
+import os
 import sys
 import types
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from kinran.rig import transport
 from kinran.rig.firmware import Firmware
 from kinran.rig.protocol import Opcode, Report, ReportId
 from kinran.rig.transport import SimulatedHid, TransportError, hid_module, open_hid, rig_lock
@@ -47,8 +49,8 @@ def rig(serial: str) -> dict[str, Any]:
 
 def test_the_only_rig_is_opened(hidapi: list[dict[str, Any]]) -> None:
     hidapi.append(rig("OGM-1"))
-    assert open_hid()[1] == "OGM-1"
-    assert open_hid("OGM-1")[1] == "OGM-1"
+    assert open_hid().serial == "OGM-1"
+    assert open_hid("OGM-1").serial == "OGM-1"
 
 
 def test_no_rig_or_another(hidapi: list[dict[str, Any]]) -> None:
@@ -65,13 +67,13 @@ def test_several_rigs_need_a_serial_number(hidapi: list[dict[str, Any]]) -> None
     hidapi.extend([rig("OGM-1"), rig("OGM-2")])
     with pytest.raises(TransportError, match="--serial"):
         open_hid()
-    assert open_hid("OGM-2")[1] == "OGM-2"
+    assert open_hid("OGM-2").serial == "OGM-2"
 
 
-def test_no_permission_names_the_udev_rule(hidapi: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_permission_says_how_to_get_it(hidapi: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch) -> None:
     hidapi.append(rig("OGM-1"))
     monkeypatch.setattr(Device, "denied", True)
-    with pytest.raises(TransportError, match=r"70-kinran-rig\.rules"):
+    with pytest.raises(TransportError, match="install-udev"):
         open_hid()
 
 
@@ -90,15 +92,19 @@ def test_the_installed_module_is_hidapis() -> None:
     assert hid_module().version_str()
 
 
-def test_two_programs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    with rig_lock("OGM/../1"):
-        assert [path.parent for path in tmp_path.iterdir()] == [tmp_path]
-        with pytest.raises(TransportError, match="another program"), rig_lock("OGM/../1"):
+def test_two_programs_of_any_user_or_setting(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(transport, "NODES", f"{tmp_path}/".encode())
+    node, other = tmp_path / "hidraw0", tmp_path / "hidraw1"
+    node.touch()
+    other.touch()
+    with rig_lock(bytes(node), "OGM-1"):
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+        message = f"another program .*process {os.getpid()}"
+        with pytest.raises(TransportError, match=message), rig_lock(bytes(node), "OGM-1"):
             pass
-        with rig_lock("OGM-2"):
+        with rig_lock(bytes(other), "OGM-2"):
             pass
-    with rig_lock("OGM/../1"):
+    with rig_lock(bytes(node), "OGM-1"):
         pass
 
 

@@ -24,7 +24,7 @@ COMMANDS = {
     "relight": ("kinran.judge.relight", "relight a material, and compare with photographs"),
     "render": ("kinran.scene.render", "render a Mitsuba scene with Kinran materials"),
     "native": ("kinran_bsdf.native", "compile the plugin for Mitsuba's own command"),
-    "rig": ("kinran.rig.rig", "talk to the goniometer"),
+    "rig": ("kinran.capture.rig", "talk to the goniometer"),
     "bench": ("kinran.run.bench", "measure speed and accuracy"),
     "test": ("kinran.run.test", "run the tests"),
     "doctor": ("kinran.run.doctor", "check this machine and say what to do"),

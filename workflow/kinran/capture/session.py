@@ -18,7 +18,7 @@ from kinran.capture.store import digest_on_card, land, quarantine, remove_parts,
 from kinran.data.capture_plan import Plan
 from kinran.rig.camera import Camera, CameraError
 from kinran.rig.errors import RebootedError, RigError
-from kinran.rig.goniometer import ALL_AXES, Goniometer
+from kinran.rig.goniometer import ALL_AXES, Goniometer, check_fault, check_pose, confirm_shutter, wait_warm
 from kinran.rig.motion import ON_TARGET_MDEG, mdeg
 
 TRIES = 2
@@ -40,8 +40,6 @@ LONG_S = 1.0
 
 SUBJECTS = {"light": "fabric", "monitor": "fabric", "dark": "dark", "white": "white", "chart": "chart"}
 """Subject before the lens for each kind of shot."""
-X_SYNC = 1
-"""Bit of the rig's capabilities: it counts the camera's exposures."""
 
 log = logging.getLogger(__name__)
 
@@ -100,7 +98,7 @@ class Session:
             return
         self._check_disk(len(todo))
         for shot in (shot for each in self.plan.groups for shot in each.shots):
-            self.rig.check(mdeg(shot.theta), mdeg(shot.phi))  # all poses, before the lamp is lit
+            check_pose(self.rig.identity, (mdeg(shot.theta), mdeg(shot.phi)))  # all poses, before the lamp is lit
         self._prepare()
         began, restarts, done = time.monotonic(), 0, 0
         while todo:
@@ -132,17 +130,16 @@ class Session:
     def _meet(self, group: str) -> None:
         """Greet the rig, and settle the frames that an earlier session left on the card."""
         self.rig.hello()
-        serial = self.rig.ident.serial if self.rig.ident else ""
         self.journal.append(
             {"t": "session", "session": self._started, "plan": self.plan.sha256, "group": group,
-             "device": self.device, "serial": serial, "boot": self.rig.boot}
+             "device": self.device, "serial": self.rig.identity.serial, "boot": self.rig.identity.boot}
         )  # fmt: skip
         self._started += 1
         self._subject = ""
         self._kept = []
         self._tidy_card()
         self._settle()
-        self.rig.check_fault()
+        check_fault(self.rig.state)
 
     def _tidy_card(self) -> None:
         """Delete recorded frames on the card: a session was killed before it deleted them."""
@@ -167,7 +164,7 @@ class Session:
         if not found:
             return
         exposures: list[float] = bracket.intent["exposures"]
-        same_boot = bracket.intent["boot"] == self.rig.boot
+        same_boot = bracket.intent["boot"] == self.rig.identity.boot
         counted = self._counted(bracket, len(found)) if same_boot else len(found)
         if self.rig.state.fault or max(exposures) > LONG_S:
             self._quarantine(found, "the shutter may have closed under an exposure")
@@ -181,7 +178,7 @@ class Session:
 
     def _counted(self, bracket: JournalBracket, unknown: int) -> int:
         """Return the X-sync edges since the intent; `unknown` where the rig does not count them."""
-        if self.rig.ident is None or not self.rig.ident.capabilities & X_SYNC:
+        if not self.rig.identity.x_sync:
             return unknown
         return self.rig.state.exposures - int(bracket.intent["counter"])
 
@@ -190,7 +187,7 @@ class Session:
         if self.rig.state.homed != ALL_AXES:
             self.rig.home()
         self.rig.lamp(True)
-        self.rig.wait_warm()
+        wait_warm(self.rig)
         self._reference = self.rig.intensity()
 
     def _check_disk(self, brackets: int) -> None:
@@ -260,7 +257,7 @@ class Session:
             "pose": list(pose),
             "photodiode": photodiode,
             "time": round(self.rig.state.uptime_ms / 1000, 3),
-            "boot": self.rig.boot,
+            "boot": self.rig.identity.boot,
             "counter": self.rig.state.exposures,
             "card": self.camera.card(),
         }
@@ -299,14 +296,13 @@ class Session:
         exposures: list[float] = bracket.intent["exposures"]
         seen = set(self.camera.card())
         lit = self._subject != "dark"
-        with self.rig.heartbeat():
-            if lit:
-                self.rig.shutter(True, sum(exposures) + FRAME_LIMIT_S * len(exposures))
-            for seconds in exposures[len(names) :]:
-                names.append(self._expose_once(seconds, seen))
-                self.rig.confirm_shutter(lit)
-            if lit:
-                self.rig.shutter(False)
+        if lit:
+            self.rig.shutter(True, sum(exposures) + FRAME_LIMIT_S * len(exposures))
+        for seconds in exposures[len(names) :]:
+            names.append(self._expose_once(seconds, seen))
+            confirm_shutter(self.rig, lit)
+        if lit:
+            self.rig.shutter(False)
 
     def _expose_once(self, seconds: float, seen: set[str]) -> str:
         """Take one frame and return its name; try again where none lands, or several do, which are quarantined."""

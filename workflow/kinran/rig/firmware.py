@@ -9,8 +9,9 @@ from collections import deque
 from collections.abc import Callable
 from typing import Literal
 
-from kinran.rig.machine import Machine
+from kinran.rig.machine import HOMING_S, Machine
 from kinran.rig.motion import AXES
+from kinran.rig.motion import Four as Axes
 from kinran.rig.protocol import (
     VALIDATE_ONLY,
     Config,
@@ -47,6 +48,8 @@ class Firmware(Machine):
         Serial number in IDENT.
     capabilities
         Bit 0: an X-sync counter.
+    axes, homing_s
+        Limits, speeds and accelerations, and the duration of homing in seconds.
 
     Attributes
     ----------
@@ -58,14 +61,21 @@ class Firmware(Machine):
         Boot id, random at each start.
     """
 
-    def __init__(self, seed: int = 0, serial: str = "OGM-VIRTUAL", capabilities: int = 1) -> None:
+    def __init__(
+        self,
+        seed: int = 0,
+        serial: str = "OGM-VIRTUAL",
+        capabilities: int = 1,
+        axes: Axes = AXES,
+        homing_s: float = HOMING_S,
+    ) -> None:
         self.serial = serial
         self.capabilities = capabilities
         self.outbox: deque[bytes] = deque()
         self.plugged = True
         self._injected: deque[Injection | None] = deque()
         self._hung = False
-        super().__init__(seed)
+        super().__init__(seed, axes, homing_s)
         self.reboot(cause=0)
 
     def reboot(self, cause: int = 2) -> None:
@@ -149,7 +159,7 @@ class Firmware(Machine):
             config = Config.unpack(report.payload)
         except ProtocolError:
             return False
-        hard = zip(AXES, config.low, config.high, strict=True)
+        hard = zip(self.axes, config.low, config.high, strict=True)
         if report.id != ReportId.CONFIG or any(lo < a.low or hi > a.high for a, lo, hi in hard):
             return False
         self._config = config

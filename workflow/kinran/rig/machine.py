@@ -10,7 +10,8 @@ import zlib
 from collections import deque
 from collections.abc import Callable, Iterable
 
-from kinran.rig.motion import AXES, move_time, travel_time, travelled
+from kinran.rig.motion import AXES, CLEARANCE_MDEG, clearance, move_time, swept, travel_time, travelled
+from kinran.rig.motion import Four as Axes
 from kinran.rig.protocol import Config, Expose, Fault, Flag, Four, JobState, Move, Opcode, State, Status
 
 WARM_UP_S = 1800.0
@@ -19,8 +20,6 @@ HOMING_S = 5.0
 """Duration of simulated homing in seconds: made up."""
 PHOTODIODE = 100_000
 """Counts of the photodiode at the lamp's nominal light, so that a count is 10⁻⁵ of it."""
-CLEARANCE_MDEG = 8_000
-"""Least angle in millidegrees between the light arm and the camera arm: made up."""
 NO_AXIS = 0xFF
 """Axis of a fault that has none (docs/rig.md, status block)."""
 _ALL_AXES = 0b1111
@@ -35,6 +34,10 @@ class Machine:
     ----------
     seed
         Seed of the small errors of mechanics and encoders; the same target always gets the same ones.
+    axes
+        Limits, speeds and accelerations.
+    homing_s
+        Duration of homing in seconds.
 
     Attributes
     ----------
@@ -46,19 +49,22 @@ class Machine:
         Jobs that came to their end, with the pose there in millidegrees.
     """
 
-    def __init__(self, seed: int = 0) -> None:
+    def __init__(self, seed: int = 0, axes: Axes = AXES, homing_s: float = HOMING_S) -> None:
         self.seed = seed
+        self.axes = axes
+        self.homing_s = homing_s
         self.lamp_factor = 1.0
         self.release: Callable[[float], None] | None = None
         self.jobs_done: list[tuple[Opcode, Four]] = []
         self._now = 0.0
         self._start: tuple[float, ...] = (20_000.0, 15_000.0, 0.0, 0.0)
         self._config = Config(
-            low=_four(axis.low for axis in AXES),
-            high=_four(axis.high for axis in AXES),
-            speeds=_four(axis.speed // 10 for axis in AXES),
-            accelerations=_four(axis.acceleration // 1000 for axis in AXES),
+            low=_four(axis.low for axis in axes),
+            high=_four(axis.high for axis in axes),
+            speeds=_four(axis.speed // 10 for axis in axes),
+            accelerations=_four(axis.acceleration // 1000 for axis in axes),
             watchdog_ms=2000,
+            homing_s=math.ceil(homing_s),
         )
         self._reset()
 
@@ -226,7 +232,7 @@ class Machine:
     def _home(self, mask: int) -> Status:
         end = tuple(self._rest(i, 0) if mask >> i & 1 else at for i, at in enumerate(self._start))
         self._homing = mask
-        return self._run(Opcode.HOME, end, HOMING_S)
+        return self._run(Opcode.HOME, end, self.homing_s)
 
     def _move(self, move: Move, validate: bool) -> Status:
         if move.mask & ~self._homed:
@@ -243,7 +249,7 @@ class Machine:
         for i in axes:
             errors[i] = 2 * self._jitter(i, move.targets[i], b"encoder")
         self._encoder_error = tuple(errors)
-        seconds = move_time(self._start, end)
+        seconds = move_time(self._start, end, self.axes)
         return self._run(Opcode.MOVE, end, seconds + move.settle_ms / 1000)
 
     def _set_lamp(self, on: int) -> Status:
@@ -324,7 +330,7 @@ class Machine:
         """Return the share of the running job's path that is done; the slowest axis sets the pace."""
         paths = [
             (travel_time(b - a, axis.speed, axis.acceleration), b - a, axis)
-            for a, b, axis in zip(self._start, self._end, AXES, strict=True)
+            for a, b, axis in zip(self._start, self._end, self.axes, strict=True)
         ]
         _, distance, axis = max(paths, key=lambda path: path[0])
         return travelled(distance, axis.speed, axis.acceleration, self._now - self._job_start)
@@ -355,11 +361,8 @@ def lamp_output(seconds: float) -> float:
 
 
 def _collides(start: tuple[float, ...], end: tuple[float, ...]) -> bool:
-    """Return whether the light arm meets the camera arm on the way; a camera arm at rest on N is out of reach."""
-    if max(abs(start[2]), abs(end[2])) < 1000:
-        return False
-    before, after = start[0] - start[2], end[0] - end[2]
-    return before * after <= 0 or min(abs(before), abs(after)) < CLEARANCE_MDEG
+    """Return whether the light arm meets the camera arm on the way."""
+    return any(clearance(pose) < CLEARANCE_MDEG for pose in swept(start, end))
 
 
 def _four(values: Iterable[int]) -> Four:

@@ -2,7 +2,16 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+Pose = tuple[int, int, int, int]
+"""Light θ, light φ, camera θ, camera φ in millidegrees."""
+CLEARANCE_MDEG = 8_000
+"""Least angle in millidegrees between the light arm and the camera arm: made up."""
+ON_NORMAL_MDEG = 1_000
+"""Camera θ in millidegrees under which the camera rests on N, out of the light arm's reach."""
+SWEPT_MDEG = 1_000
+"""Step in millidegrees in which a path is looked at: an eighth of the arms' least distance."""
 
 
 def mdeg(degrees: float) -> int:
@@ -21,13 +30,15 @@ class Axis:
     acceleration: int
 
 
-AXES = (
+Four = tuple[Axis, Axis, Axis, Axis]
+
+AXES: Four = (
     Axis("light θ", 0, 90_000, 10_000, 20_000),
     Axis("light φ", -10_000, 370_000, 30_000, 60_000),
     Axis("camera θ", -75_000, 75_000, 10_000, 20_000),
     Axis("camera φ", -360_000, 360_000, 30_000, 60_000),
 )
-"""Axes of the simulated rig, from which a plan's duration is computed, too; a real rig states its own limits (CONFIG).
+"""Axes of the simulated rig, and of a plan for a rig that has not said its own (CONFIG, or `rig` in the config).
 They are made up: the paper gives no speeds."""
 SETTLE_S = 0.2
 """Seconds that an arm rests before an exposure, for vibrations to die away. No measurement stands behind them."""
@@ -61,3 +72,34 @@ def travelled(distance: float, speed: float, acceleration: float, seconds: float
 def move_time(start: Sequence[float], end: Sequence[float], axes: Sequence[Axis] = AXES) -> float:
     """Return the seconds of a coordinated move between two poses in millidegrees, without settling."""
     return max(travel_time(b - a, axis.speed, axis.acceleration) for a, b, axis in zip(start, end, axes, strict=False))
+
+
+def with_motion(axes: Four, speeds: Sequence[float | None] = (), accelerations: Sequence[float | None] = ()) -> Four:
+    """Return axes with other top speeds in deg/s and accelerations in deg/s²; None leaves an axis as it is."""
+    changed = list(axes)
+    for i, speed in enumerate(speeds):
+        changed[i] = changed[i] if speed is None else replace(changed[i], speed=mdeg(speed))
+    for i, acceleration in enumerate(accelerations):
+        changed[i] = changed[i] if acceleration is None else replace(changed[i], acceleration=mdeg(acceleration))
+    a, b, c, d = changed
+    return a, b, c, d
+
+
+def clearance(pose: Sequence[float]) -> float:
+    """Return the angle between the arms in millidegrees; infinite where the camera rests on N."""
+    light_theta, light_phi, camera_theta, camera_phi = (math.radians(angle / 1000) for angle in pose)
+    if abs(pose[2]) < ON_NORMAL_MDEG:
+        return math.inf
+    cosine = math.cos(light_theta) * math.cos(camera_theta)
+    cosine += math.sin(light_theta) * math.sin(camera_theta) * math.cos(light_phi - camera_phi)
+    return 1000 * math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+
+
+def swept(start: Sequence[float], end: Sequence[float]) -> list[tuple[float, ...]]:
+    """Return the poses of a coordinated move, both ends included, in steps of `SWEPT_MDEG` or less.
+
+    All axes start and arrive at once, so that the path is straight in the four angles, whatever their speeds.
+    """
+    pairs = list(zip(start, end, strict=True))
+    steps = max(1, math.ceil(max(abs(b - a) for a, b in pairs) / SWEPT_MDEG))
+    return [tuple(a + (b - a) * k / steps for a, b in pairs) for k in range(steps + 1)]

@@ -31,7 +31,8 @@ _STATE = struct.Struct("<I4iHHBBBBIIHHIi")
 _MOVE = struct.Struct("<BBH4i4I")
 _EXPOSE = struct.Struct("<BxH8I")
 _IDENT = struct.Struct("<HHHH16sB")
-_CONFIG = struct.Struct("<8i4H4BH")
+_CONFIG = struct.Struct("<8i4H4BHH")
+_CONFIG_1_0 = struct.Struct("<8i4H4BH")
 
 
 class ProtocolError(ValueError):
@@ -302,7 +303,7 @@ class Ident:
     capabilities: int = 0
     reset_cause: int = 0
     major: int = 1
-    minor: int = 0
+    minor: int = 1
 
     def pack(self) -> bytes:
         """Return the 25 bytes of the payload."""
@@ -328,11 +329,13 @@ class Config:
     low, high
         Soft limits in millidegrees.
     speeds
-        Top speeds, in units of 10 mdeg/s.
+        Top speeds, in units of 10 mdeg/s; 0 where the rig does not say.
     accelerations
-        Accelerations in deg/s².
+        Accelerations in deg/s²; 0 where the rig does not say.
     watchdog_ms
         Watchdog's time at start-up in milliseconds.
+    homing_s
+        Longest time of homing in seconds; 0 where the rig does not say, as in protocol 1.0.
     """
 
     low: Four
@@ -340,22 +343,24 @@ class Config:
     speeds: Four
     accelerations: Four
     watchdog_ms: int
+    homing_s: int = 0
 
     def pack(self) -> bytes:
-        """Return the 46 bytes of the payload."""
+        """Return the 48 bytes of the payload."""
         limits = [v for pair in zip(self.low, self.high, strict=True) for v in pair]
-        return _CONFIG.pack(*limits, *self.speeds, *self.accelerations, self.watchdog_ms)
+        return _CONFIG.pack(*limits, *self.speeds, *self.accelerations, self.watchdog_ms, self.homing_s)
 
     @classmethod
     def unpack(cls, data: bytes) -> Self:
-        """Read the 46 bytes of the payload."""
-        v = _fields(_CONFIG, data, "a configuration")
+        """Read the 48 bytes of the payload, or the 46 of protocol 1.0."""
+        v = _fields(_CONFIG_1_0 if len(data) == _CONFIG_1_0.size else _CONFIG, data, "a configuration")
         return cls(
             (v[0], v[2], v[4], v[6]),
             (v[1], v[3], v[5], v[7]),
             (v[8], v[9], v[10], v[11]),
             (v[12], v[13], v[14], v[15]),
             v[16],
+            *v[17:],
         )
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from kinran.rig.camera import Camera
 from kinran.rig.firmware import Firmware
-from kinran.rig.goniometer import Goniometer
+from kinran.rig.hid_goniometer import HidGoniometer
 from kinran.rig.transport import Backend, SimulatedHid
 
 FRAME_S = 1.0
@@ -13,9 +13,9 @@ _SLICE_S = 1.0
 """Seconds of virtual time between two commands that feed the watchdog, which trips after 2 s."""
 
 
-def simulated_goniometer(firmware: Firmware, backend: Backend = "hidraw") -> Goniometer:
+def simulated_goniometer(firmware: Firmware, backend: Backend = "hidraw") -> HidGoniometer:
     """Return the driver of a simulated rig, on the rig's virtual clock."""
-    return Goniometer(SimulatedHid(firmware, backend), clock=lambda: firmware.clock, live=False)
+    return HidGoniometer(SimulatedHid(firmware, backend), clock=lambda: firmware.clock, live=False)
 
 
 class PacedCamera:
@@ -29,7 +29,7 @@ class PacedCamera:
         The simulated rig, and its driver, whose heartbeat is kept up while the camera works.
     """
 
-    def __init__(self, camera: Camera, firmware: Firmware, rig: Goniometer) -> None:
+    def __init__(self, camera: Camera, firmware: Firmware, rig: HidGoniometer) -> None:
         self.suffix = camera.suffix
         self._camera = camera
         self._firmware = firmware

@@ -4,22 +4,28 @@ hidapi reports a failed write as -1 without an exception, a timed-out read as []
 ``read(n)`` and ``read(n, 0)``: a time-out is never left out here.
 """
 
-import fcntl
 import importlib
 import os
 import sys
-import tempfile
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from kinran.rig.firmware import Firmware
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
 VENDOR, PRODUCT = 0x1209, 0x0001
 """The test pair of pid.codes; the real pair comes from the configuration."""
 
+NODES = b"/dev/"
+"""Folder of the nodes of devices."""
 UDEV_RULE = "70-kinran-rig.rules"
 """File of the rule in docs/rig.md that lets users open the rig."""
 Backend = Literal["hidraw", "libusb"]
@@ -75,13 +81,17 @@ def hid_module() -> Any:
     )
 
 
-def open_hid(serial: str | None = None, vendor: int = VENDOR, product: int = PRODUCT) -> tuple[Handle, str]:
-    """Open the rig with this serial number, or the only one.
+@dataclass(frozen=True)
+class Opened:
+    """An open handle, with the path and the serial number of its device."""
 
-    Returns
-    -------
-    (Handle, str)
-        The handle and the serial number.
+    handle: Handle
+    path: bytes
+    serial: str
+
+
+def open_hid(serial: str | None = None, vendor: int = VENDOR, product: int = PRODUCT) -> Opened:
+    """Open the rig with this serial number, or the only one.
 
     Raises
     ------
@@ -105,36 +115,59 @@ def open_hid(serial: str | None = None, vendor: int = VENDOR, product: int = PRO
     except OSError:
         raise TransportError(
             f"the rig at {fitting[0]['path'].decode(errors='replace')} cannot be opened;"
-            f" install the udev rule {UDEV_RULE} of docs/rig.md and join its group,"
-            " or end the program that holds it"
+            " run `kinran rig install-udev` and reconnect the rig, or end the program that holds it"
         ) from None
-    handle: Handle = device
-    return handle, fitting[0]["serial_number"]
+    return Opened(device, fitting[0]["path"], fitting[0]["serial_number"])
 
 
 @contextmanager
-def rig_lock(serial: str) -> Iterator[None]:
+def rig_lock(path: bytes, serial: str) -> Iterator[None]:
     """Lock the rig for this process: hidraw would let two programs drive it.
+
+    The lock is on the node of the device itself, so that it holds for all users and settings of this machine. Where
+    the rig is reached without a node (libusb), its claim on the interface is the lock.
+
+    Parameters
+    ----------
+    path
+        Path of the device, as hidapi names it.
+    serial
+        Serial number, to name in an error.
 
     Raises
     ------
     TransportError
-        Another program drives the rig, or the lock's file cannot be opened.
+        Another program drives the rig.
     """
-    folder = Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir())
-    name = "".join(c if c.isalnum() or c in "-_" else "_" for c in serial)
-    path = folder / f"kinran-rig-{name}.lock"
-    try:
-        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
-    except OSError as error:
-        raise TransportError(f"{path}: the rig's lock cannot be opened ({error.strerror}); remove it") from None
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    if fcntl is None or not path.startswith(NODES):
         yield
+        return
+    node = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(node, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        raise TransportError(f"another program drives the rig {serial}; end it first") from None
+        holder = _holder(node)
+        os.close(node)
+        raise TransportError(f"another program{holder} drives the rig {serial}; end it first") from None
+    try:
+        yield
     finally:
-        os.close(file)
+        os.close(node)
+
+
+def _holder(node: int) -> str:
+    """Return the name and number of the process that has a file locked, where the system tells."""
+    where = os.fstat(node)
+    wanted = f"{os.major(where.st_dev):02x}:{os.minor(where.st_dev):02x}:{where.st_ino}"
+    try:
+        for line in Path("/proc/locks").read_text().splitlines():
+            words = line.split()
+            if len(words) > 5 and words[1] == "FLOCK" and words[5] == wanted:
+                name = Path(f"/proc/{words[4]}/comm").read_text().strip()
+                return f" ({name}, process {words[4]})"
+    except OSError:
+        pass
+    return ""
 
 
 class SimulatedHid:
