@@ -1,6 +1,9 @@
 """Messages are plain lines on stderr; progress is a line now and then, and always one after the last item."""
 
 import logging
+import os
+import subprocess
+import sys
 import time
 
 import pytest
@@ -49,3 +52,13 @@ def test_messages_are_plain_lines_on_stderr(capsys: pytest.CaptureFixture[str]) 
         for logger, (level, handlers) in zip(loggers, before, strict=True):
             logger.setLevel(level)
             logger.handlers[:] = handlers
+
+
+def test_nobody_reads_any_more() -> None:
+    code = "import logging; from kinran.base.log import to_stderr; to_stderr(); log = logging.getLogger('kinran')\n"
+    code += "for k in range(3): log.info('line %d', k)\nprint('done')"
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=write, check=False)
+    os.close(write)
+    assert done.stdout == b"done\n"

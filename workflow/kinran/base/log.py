@@ -7,6 +7,7 @@ import logging
 import sys
 import time
 from collections.abc import Collection, Iterable, Iterator
+from contextlib import suppress
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -18,10 +19,14 @@ log = logging.getLogger(__name__)
 
 
 class _Stderr(logging.Handler):
-    """Writes each message as a line to the ``sys.stderr`` of that moment, which a caller may have redirected."""
+    """Writes each message as a line to the ``sys.stderr`` of that moment, which a caller may have redirected.
+
+    Nobody may read any more: Ctrl-C ends the `tee` of a log first. That must not stop a rig from being closed in order.
+    """
 
     def emit(self, record: logging.LogRecord) -> None:
-        print(self.format(record), file=sys.stderr, flush=True)
+        with suppress(BrokenPipeError):
+            print(self.format(record), file=sys.stderr, flush=True)
 
 
 def to_stderr() -> None:

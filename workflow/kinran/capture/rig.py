@@ -23,6 +23,8 @@ log = logging.getLogger(__name__)
 
 RULES = Path("/etc/udev/rules.d")
 """Folder of the rules that an administrator adds."""
+CAPTURES = Path("captures")
+"""Folder of the captures, from where the workflow runs."""
 PARKED_MDEG = (0, 0)
 """Where the light arm is parked: over the fabric at φ = 0, under the closed shutter."""
 
@@ -43,6 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     jog.add_argument("degrees", type=float, help="degrees to move it by, such as -2.5")
     actions.add_parser("park", help="move the arms to θ = 0, φ = 0 and put out the lamp")
     actions.add_parser("estop", help="stop everything at once, even if another program drives the rig")
+    watching = actions.add_parser("watch", help="show a running capture: progress, lamp, last frame, questions")
+    watching.add_argument("fabric", help="name of the fabric")
+    watching.add_argument("--captures", type=Path, default=CAPTURES, metavar="DIR", help="folder of the captures")
     udev = actions.add_parser("install-udev", help="write the udev rule that lets users open the rig")
     udev.add_argument("--to", type=Path, default=RULES, metavar="DIR", help=f"folder of the rule ({RULES})")
 
@@ -52,6 +57,11 @@ def main(args: argparse.Namespace) -> None:
     settings = RigSettings(args.usb, args.serial)
     if args.action == "install-udev":
         install_udev(args.to, settings)
+        return
+    if args.action == "watch":
+        from kinran.capture.watch import folder, watch  # it imports what only a terminal needs
+
+        watch(folder(args.captures, args.fabric))
         return
     try:
         with interruptible(), open_goniometer(args.device, settings, alone=args.action != "estop") as rig:
