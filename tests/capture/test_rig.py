@@ -3,11 +3,13 @@
 import re
 import sys
 import types
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from kinran.__main__ import main
+from kinran.base.project import ROOT
 
 
 def test_move_a_virtual_rig(capsys: pytest.CaptureFixture[str]) -> None:
@@ -43,3 +45,31 @@ def test_no_rig(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[s
 def test_wrong_pair(pair: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["rig", "--usb", pair, "status"]) == 2
     assert f"'{pair}': is not VENDOR:PRODUCT" in capsys.readouterr().err
+
+
+def test_jog_and_park(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["rig", "--device", "virtual", "jog", "phi", "-2.5"]) == 0
+    assert re.search(r"light φ +-2\.(50|49)", capsys.readouterr().out)
+    assert main(["rig", "--device", "virtual", "jog", "camera-theta", "80"]) == 2
+    assert "camera θ = 80" in capsys.readouterr().err
+    assert main(["rig", "--device", "virtual", "park"]) == 0
+    assert "lamp      off" in capsys.readouterr().out
+
+
+def test_emergency_stop(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["rig", "--device", "virtual", "estop"]) == 0
+    assert "emergency stop sent" in capsys.readouterr().out
+
+
+def test_the_udev_rule_is_the_one_in_the_docs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["rig", "install-udev", "--to", str(tmp_path)]) == 0
+    written = (tmp_path / "70-kinran-rig.rules").read_text().splitlines()
+    assert "udevadm control --reload" in capsys.readouterr().out
+    docs = (ROOT / "docs/rig.md").read_text().splitlines()
+    assert [line for line in docs if line.startswith("SUBSYSTEM==")] == written[1:]
+    assert main(["rig", "--usb", "0Ab0:CDEF", "install-udev", "--to", str(tmp_path)]) == 0
+    text = (tmp_path / "70-kinran-rig.rules").read_text()
+    assert 'KERNELS=="0003:0AB0:CDEF.*"' in text
+    assert 'ATTRS{idVendor}=="0ab0", ATTRS{idProduct}=="cdef"' in text
+    assert main(["rig", "install-udev", "--to", str(tmp_path / "no")]) == 2
+    assert "run it as root" in capsys.readouterr().err
