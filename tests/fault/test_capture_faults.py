@@ -15,7 +15,7 @@ from kinran.__main__ import main
 from kinran.base.files import InputError
 from kinran.capture.grid import plan_grid
 from kinran.capture.journal import Journal, read
-from kinran.capture.session import Session
+from kinran.capture.lamp_watch import LampWatch
 from kinran.data.capture_plan import write_plan
 from kinran.rig.camera import CameraError
 from kinran.rig.errors import DisconnectedError, FaultError, LimitError, RigError
@@ -169,7 +169,7 @@ def test_half_a_bracket_is_shot_anew_when_something_changed(bench: Bench, change
 def test_files_that_were_there_before_are_left_alone(bench: Bench) -> None:
     (bench.camera.folder / "HOLIDAY.raw").write_bytes(b"holiday")
     check(bench.root, PLAN, bench.capture(PLAN))
-    assert bench.camera.card() == ["HOLIDAY.raw"]
+    assert [file.name for file in bench.camera.card()] == ["HOLIDAY.raw"]
 
 
 @pytest.mark.parametrize("fault", ["miss", "error"])
@@ -294,14 +294,14 @@ def test_a_lamp_that_drifts_and_comes_back(bench: Bench) -> None:
         bench.firmware.lamp_factor = 0.9
 
     stop_after(bench, 5, dim)
-    wait = Session._wait_for_lamp
+    wait = LampWatch.wait
 
-    def recover(session: Session) -> None:
+    def recover(lamp: LampWatch) -> None:
         bench.firmware.lamp_factor = 1.0
-        wait(session)
+        wait(lamp)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Session, "_wait_for_lamp", recover)
+        patch.setattr(LampWatch, "wait", recover)
         manifest = bench.capture(PLAN)
     numbers = check(bench.root, PLAN, manifest)
     assert not {3, 4, 5} & set(numbers)

@@ -60,7 +60,7 @@ def shoot(
             frames = []
             for seconds in plan.exposures_s:
                 camera.expose(seconds)
-                name = camera.card()[-1]
+                name = camera.card()[-1].name
                 to = folder / "frames" / f"{shot.shot}_{round(1 / seconds)}.dng"
                 to.parent.mkdir(exist_ok=True)
                 camera.download(name, to)
