@@ -3,6 +3,7 @@
 Run as a script it is the host: it captures through a socket and kills itself at a given step.
 """
 
+import hashlib
 import json
 import os
 import shutil
@@ -17,7 +18,7 @@ from typing import Any
 
 from kinran.capture.capture import Devices, capture
 from kinran.data.capture_plan import Plan, read_plan
-from kinran.rig.camera import Camera, CameraError
+from kinran.rig.camera import Camera, CameraError, CardFile, FrameFacts, Health
 from kinran.rig.firmware import Firmware
 from kinran.rig.goniometer import Goniometer
 from kinran.rig.hid_goniometer import HidGoniometer
@@ -40,12 +41,15 @@ class FakeCamera:
     """A camera whose files say what it saw; like a real one it outlives its host and counts on."""
 
     suffix = ".raw"
+    iso = 100.0
+    aperture = 8.0
 
     def __init__(self, firmware: Firmware, card: Path) -> None:
         self.firmware = firmware
         self.folder = card
         self.subject = ""
         self.fired: list[str] = []
+        self.order: list[str] = []
         self.misbehave: list[str] = []
         card.mkdir(parents=True, exist_ok=True)
 
@@ -66,16 +70,38 @@ class FakeCamera:
                 "exposure": seconds,
                 "pose": self.firmware.pose[:2],
                 "light": self.firmware.lamp_output if self.firmware.shutter_open else 0,
+                "taken": self.firmware.clock,
             }
             self.fired.append(name)
             data = b"" if fault == "empty" else json.dumps(seen).encode().ljust(400)
-            (self.folder / name).write_bytes(data)
+            self.land(name, data)
 
-    def card(self) -> list[str]:
-        return sorted(path.name for path in self.folder.iterdir())
+    def land(self, name: str, data: bytes) -> None:
+        """Put a file on the card, as the newest."""
+        (self.folder / name).write_bytes(data)
+        self.order.append(name)
+
+    def card(self) -> list[CardFile]:
+        names = {path.name for path in self.folder.iterdir()}
+        known = [name for name in self.order if name in names]
+        return [CardFile(name, (self.folder / name).stat().st_size) for name in [*sorted(names - set(known)), *known]]
 
     def download(self, name: str, to: Path) -> None:
         shutil.copyfile(self.folder / name, to)
+
+    def digest(self, name: str) -> str:
+        return hashlib.sha256((self.folder / name).read_bytes()).hexdigest()
+
+    @staticmethod
+    def facts(path: Path) -> FrameFacts:
+        data = path.read_bytes()
+        if len(data) != 400:
+            raise CameraError("it is cut off")
+        seen = json.loads(data)
+        return FrameFacts(seen["exposure"], seen.get("iso", 100.0), 8.0, seen["taken"])
+
+    def health(self) -> Health:
+        return Health("75%", 10**9)
 
     def delete(self, name: str) -> None:
         (self.folder / name).unlink()
@@ -141,6 +167,7 @@ def serve(bench: Bench, listener: Listener, hosts: int) -> None:
         "expose": expose,
         "card": bench.camera.card,
         "download": bench.camera.download,
+        "digest": bench.camera.digest,
         "delete": bench.camera.delete,
     }
     for _ in range(hosts):
@@ -168,6 +195,8 @@ class Remote:
     """The host's end: a handle and a camera at once, each call a step at which it may be killed."""
 
     suffix = FakeCamera.suffix
+    iso = FakeCamera.iso
+    aperture = FakeCamera.aperture
 
     def __init__(self, connection: Connection, step: Callable[[], None]) -> None:
         self._connection = connection
@@ -203,12 +232,22 @@ class Remote:
         self._call("expose", seconds)
         self._step()
 
-    def card(self) -> list[str]:
+    def card(self) -> list[CardFile]:
         return list(self._call("card"))
 
     def download(self, name: str, to: Path) -> None:
         self._step()
         self._call("download", name, to)
+
+    def digest(self, name: str) -> str:
+        self._step()
+        return str(self._call("digest", name))
+
+    def facts(self, path: Path) -> FrameFacts:
+        return FakeCamera.facts(path)
+
+    def health(self) -> Health:
+        return Health()
 
     def delete(self, name: str) -> None:
         self._step()

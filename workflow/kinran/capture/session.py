@@ -1,7 +1,8 @@
 """A session of shooting, which can be killed at any moment without losing or repeating a bracket.
 
-For each bracket: intent, sync; exposures; copies, sync; rename, sync the folder; frame records, sync; only
-then are the files deleted on the card. The journal alone says what is done (docs/rig.md has the resume rule).
+For each bracket: intent, sync; exposures; copies, sync; checks; rename, sync the folder; frame records, sync; only
+then are the files deleted on the card. The journal alone says what is done (docs/rig.md has the resume rule), and a
+frame's own EXIF says to which exposure it belongs.
 """
 
 import errno
@@ -13,13 +14,16 @@ from pathlib import Path
 
 from kinran.base.files import InputError
 from kinran.capture.brackets_taken import JournalBracket, Wanted, missing, read_brackets
+from kinran.capture.frame_check import match
 from kinran.capture.journal import Journal, Record
-from kinran.capture.store import digest_on_card, land, quarantine, remove_parts, set_aside
+from kinran.capture.light_dose import Dose, Lighting, check_dose, light_dose
+from kinran.capture.store import Fetched, fetch, land, quarantine, remove_parts, set_aside
+from kinran.capture.warm_up import WINDOW_S, Samples, warm_up
 from kinran.data.capture_plan import Plan
-from kinran.rig.camera import Camera, CameraError
+from kinran.rig.camera import Camera, CameraError, CardFile
 from kinran.rig.errors import RebootedError, RigError
-from kinran.rig.goniometer import ALL_AXES, Goniometer, check_fault, check_pose, confirm_shutter, wait_warm
-from kinran.rig.motion import ON_TARGET_MDEG, mdeg
+from kinran.rig.goniometer import ALL_AXES, Goniometer, check_fault, check_path, check_pose, confirm_shutter
+from kinran.rig.motion import ON_TARGET_MDEG, Pose, mdeg
 
 TRIES = 2
 """Times that a bracket, or a missed exposure, is taken before the session stops (docs/rig.md, Resume)."""
@@ -37,9 +41,23 @@ FRAME_LIMIT_S = 60.0
 """Seconds of open shutter for a frame besides its exposure, after which the rig closes the shutter by itself."""
 LONG_S = 1.0
 """Exposure time in seconds above which the watchdog of a dead host may close the shutter under an exposure."""
+OWED_S = 10.0
+"""Seconds that a frame may be late whose exposure the rig has counted: users of EOS bodies report events that come
+1.2 s late (libgphoto2 #151); a choice well above."""
 
 SUBJECTS = {"light": "fabric", "monitor": "fabric", "dark": "dark", "white": "white", "chart": "chart"}
 """Subject before the lens for each kind of shot."""
+
+DISK = {
+    errno.ENOSPC: "the disk is full; free some space",
+    errno.EDQUOT: "the disk is full; free some space",
+    errno.EIO: "the disk fails (input/output error); check it, or copy the folder to another one,",
+    errno.EROFS: "the disk can only be read, often after an error of its own; check and mount it again",
+}
+"""What to do about errors of the disk."""
+
+UNLIMITED = Lighting()
+"""Light of which nothing is known, and whose dose has no limit."""
 
 log = logging.getLogger(__name__)
 
@@ -59,14 +77,28 @@ class Session:
         Devices; both may hold leftovers of a killed session.
     device
         Name of the device, for the journal.
+    lighting
+        Illuminance on the sample, and the limit of its dose.
     """
 
-    def __init__(self, plan: Plan, root: Path, journal: Journal, rig: Goniometer, camera: Camera, device: str) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        root: Path,
+        journal: Journal,
+        rig: Goniometer,
+        camera: Camera,
+        device: str,
+        lighting: Lighting = UNLIMITED,
+    ) -> None:
         self.plan, self.root, self.journal = plan, root, journal
         self.rig, self.camera, self.device = rig, camera, device
+        self.lighting = lighting
         self.brackets = read_brackets(journal.records)
         self._started = sum(record["t"] == "session" for record in journal.records)
-        self._kept: list[str] = []
+        self._kept: dict[int, Fetched] = {}
+        self._before: set[CardFile] = set()
+        self._newest = 0.0
         self._reference = 0
         self._subject = ""
 
@@ -78,28 +110,29 @@ class Session:
         RigError, CameraError
             A device failed; the session can be run again when the cause is gone.
         InputError
-            The disk is full, or has too little space.
+            The disk is full, fails or cannot be written to; or the sample would get more light than its limit.
         """
         try:
             self._run(group, wanted)
         except OSError as error:
-            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            if error.errno not in DISK:
                 raise
             raise InputError(
-                f"{self.root}: the disk is full; free some space and run the capture again:"
-                " the frames are still on the card"
+                f"{self.root}: {DISK[error.errno]} and run the capture again: the frames are still on the card"
             ) from None
 
     def _run(self, group: str, wanted: Sequence[Wanted]) -> None:
         remove_parts(self.root)
         self._meet(group)
         todo = missing(self.brackets, wanted, self.root)
-        if not todo:
-            return
-        self._check_disk(len(todo))
-        for shot in (shot for each in self.plan.groups for shot in each.shots):
-            check_pose(self.rig.identity, (mdeg(shot.theta), mdeg(shot.phi)))  # all poses, before the lamp is lit
-        self._prepare()
+        if todo:
+            self._check_disk(len(todo))
+            self._check_way(todo)
+            self._prepare()
+            self._shoot_all(group, todo)
+        self.journal.append({"t": "complete", "group": group, "plan": self.plan.sha256})
+
+    def _shoot_all(self, group: str, todo: list[Wanted]) -> None:
         began, restarts, done = time.monotonic(), 0, 0
         while todo:
             try:
@@ -123,7 +156,6 @@ class Session:
             if done % 8 == 0 or not todo:
                 left = (time.monotonic() - began) / done * len(todo)
                 log.info("capture %s: %d of %d shots, %s left", group, done, done + len(todo), _duration(left))
-        self.journal.append({"t": "complete", "group": group, "plan": self.plan.sha256})
 
     # -- meeting the devices -------------------------------------------------------------------------
 
@@ -132,13 +164,16 @@ class Session:
         self.rig.hello()
         self.journal.append(
             {"t": "session", "session": self._started, "plan": self.plan.sha256, "group": group,
-             "device": self.device, "serial": self.rig.identity.serial, "boot": self.rig.identity.boot}
+             "device": self.device, "serial": self.rig.identity.serial, "boot": self.rig.identity.boot,
+             "lux": self.lighting.lux}
         )  # fmt: skip
         self._started += 1
         self._subject = ""
-        self._kept = []
+        self._kept = {}
+        self._newest = 0.0
         self._tidy_card()
         self._settle()
+        self._before = set(self.camera.card())
         check_fault(self.rig.state)
 
     def _tidy_card(self) -> None:
@@ -151,30 +186,32 @@ class Session:
                 entries += record["files"]
         for entry in entries:
             recorded.setdefault(entry["name"], set()).add(entry["sha256"])
-        for name in self.camera.card():
-            if name in recorded and digest_on_card(self.camera, self.root, name) in recorded[name]:
-                self.camera.delete(name)
+        for file in self.camera.card():
+            if file.name in recorded and self.camera.digest(file.name) in recorded[file.name]:
+                self.camera.delete(file.name)
 
     def _settle(self) -> None:
         """Adopt the frames of the bracket that was under way, keep them for its completion, or quarantine them."""
         if not self.brackets or self.brackets[-1].complete or self.brackets[-1].void:
             return
         bracket = self.brackets[-1]
-        found = [name for name in self.camera.card() if name not in bracket.intent["card"]]
+        found = [file for file in self.camera.card() if file.name not in bracket.intent["card"]]
         if not found:
             return
         exposures: list[float] = bracket.intent["exposures"]
         same_boot = bracket.intent["boot"] == self.rig.identity.boot
         counted = self._counted(bracket, len(found)) if same_boot else len(found)
+        frames = self._fetch(found)
+        own, others = self._match(dict(enumerate(exposures)), frames)
         if self.rig.state.fault or max(exposures) > LONG_S:
-            self._quarantine(found, "the shutter may have closed under an exposure")
-        elif len(found) == len(exposures) == counted:
-            self._record(bracket, found, bracket.intent["photodiode"], "adopted")
+            self._quarantine(frames, "the shutter may have closed under an exposure")
+        elif not others and len(own) == len(exposures) == counted:
+            self._record(bracket, own, bracket.intent["photodiode"], "adopted")
             log.info("capture %s: adopted %d frames from the card", bracket.intent["shot"], len(found))
-        elif same_boot and len(found) < len(exposures) and len(found) == counted:
-            self._kept = found
+        elif not others and same_boot and len(own) < len(exposures) and len(own) == counted:
+            self._kept = own
         else:
-            self._quarantine(found, "not the bracket that was under way")
+            self._quarantine(frames, "not the bracket that was under way")
 
     def _counted(self, bracket: JournalBracket, unknown: int) -> int:
         """Return the X-sync edges since the intent; `unknown` where the rig does not count them."""
@@ -183,12 +220,43 @@ class Session:
         return self.rig.state.exposures - int(bracket.intent["counter"])
 
     def _prepare(self) -> None:
-        """Home the rig if it does not know its pose, and wait for a warm lamp."""
+        """Home the rig if it does not know its pose, and wait for a warm and steady lamp."""
         if self.rig.state.homed != ALL_AXES:
             self.rig.home()
         self.rig.lamp(True)
-        wait_warm(self.rig)
-        self._reference = self.rig.intensity()
+        warm_up(self.rig, self._readings())
+        self._reference = self._photodiode()
+
+    def _readings(self) -> Samples:
+        """Return the newest readings of the lamp in the journal since the rig started."""
+        now = self.rig.status().uptime_ms / 1000
+        intents = [record for record in self.journal.records if record["t"] == "intent"]
+        return [
+            (intent["time"], intent["photodiode"])
+            for intent in intents
+            if intent["boot"] == self.rig.identity.boot and now - 2 * WINDOW_S < intent["time"] <= now
+        ]
+
+    def _photodiode(self) -> int:
+        """Return the light of the lamp; 0 where the rig does not measure it."""
+        return self.rig.intensity() if self.rig.identity.photodiode else 0
+
+    def _check_way(self, todo: Sequence[Wanted]) -> None:
+        """Check all poses of the plan, and the way through those that are missing, before the lamp is lit.
+
+        Raises
+        ------
+        LimitError
+            A pose is outside the limits, or the arms meet on the way.
+        """
+        for shot in (shot for each in self.plan.groups for shot in each.shots):
+            check_pose(self.rig.identity, (mdeg(shot.theta), mdeg(shot.phi)))
+        homed = self.rig.state.homed == ALL_AXES
+        at: Pose = self.rig.state.position if homed else (0, 0, 0, 0)
+        for want in todo:
+            to: Pose = (mdeg(want.shot.theta), mdeg(want.shot.phi), at[2], at[3])
+            check_path(at, to)
+            at = to
 
     def _check_disk(self, brackets: int) -> None:
         """Check that the disk has room for so many brackets.
@@ -210,41 +278,109 @@ class Session:
     # -- one bracket ---------------------------------------------------------------------------------
 
     def _shoot(self, want: Wanted) -> None:
+        check_dose(light_dose(self.journal.records), self.plan.exposures_s, self.lighting)
         for attempt in range(TRIES):
-            bracket, names = self._open(want)
-            try:
-                self._expose(bracket, names)
-            except RigError as error:  # the light of the last frames is unknown
-                card = bracket.intent["card"]
-                self._quarantine([name for name in self.camera.card() if name not in card], str(error))
-                raise
+            bracket, kept = self._open(want)
+            frames = self._fill(bracket, kept)
             steady = self._steady(want, self.rig.state.photodiode)
-            if steady and self._counted(bracket, len(names)) >= len(names):
-                self._record(bracket, names, self.rig.state.photodiode, "shot")
+            if steady and self._counted(bracket, len(frames)) >= len(frames):
+                self._record(bracket, frames, self.rig.state.photodiode if self.rig.identity.photodiode else 0, "shot")
                 return
-            self._quarantine(names, "X-sync missing" if steady else "lamp drifted")
+            self._quarantine(list(frames.values()), "X-sync missing" if steady else "lamp drifted")
             if not steady:
                 self._wait_for_lamp()
             elif attempt:
                 raise CameraError("the rig does not see the camera's X-sync; check the cable between them")
         raise RigError("the lamp does not hold steady; check it, then run the capture again")
 
-    def _open(self, want: Wanted) -> tuple[JournalBracket, list[str]]:
+    def _fill(self, bracket: JournalBracket, frames: dict[int, Fetched]) -> dict[int, Fetched]:
+        """Take the exposures that `frames` lacks until each has its frame; what else lands is quarantined.
+
+        Raises
+        ------
+        RigError
+            The rig failed: the light of the last frames is unknown, and the bracket is void.
+        CameraError
+            The camera does not take what was asked.
+        """
+        exposures: list[float] = bracket.intent["exposures"]
+        frames = dict(frames)
+        reason = ""
+        for _ in range(TRIES):
+            wanted = {k: seconds for k, seconds in enumerate(exposures) if k not in frames}
+            seen = set(self.camera.card())
+            try:
+                self._expose(bracket, list(wanted.values()))
+            except RigError as error:
+                self._void(bracket, str(error))
+                raise
+            fetched = self._fetch([file for file in self.camera.card() if file not in seen])
+            for each in fetched:
+                if each.facts is None:
+                    raise CameraError(
+                        f"{each.source.name} is damaged on the card: {each.problem};"
+                        " check the card, then run the capture again"
+                    )
+            own, others = self._match(wanted, fetched)
+            frames |= own
+            for reason, odd in others.items():
+                self._quarantine(odd, reason, void=False)
+            if len(frames) == len(exposures):
+                return frames
+        raise CameraError(
+            f"the camera does not take {bracket.intent['shot']} as asked ({reason or 'no frame landed on the card'}),"
+            f" in {TRIES} tries; check its settings, then run the capture again"
+        )
+
+    def _fetch(self, files: Sequence[CardFile]) -> list[Fetched]:
+        return [fetch(self.camera, self.root, file) for file in files]
+
+    def _match(
+        self, wanted: dict[int, float], frames: Sequence[Fetched]
+    ) -> tuple[dict[int, Fetched], dict[str, list[Fetched]]]:
+        """Return the frame of each exposure, by place, and the other frames by the reason why they are none."""
+        sound = [frame for frame in frames if frame.facts is not None]
+        facts = [frame.facts for frame in sound if frame.facts is not None]
+        own, odd = match(wanted, facts, self.camera.iso, self.camera.aperture, self._newest)
+        others: dict[str, list[Fetched]] = {}
+        for number, reason in odd.items():
+            others.setdefault(reason, []).append(sound[number])
+        for frame in frames:
+            if frame.facts is None:
+                others.setdefault(frame.problem, []).append(frame)
+        return {place: sound[number] for place, number in own.items()}, others
+
+    def _void(self, bracket: JournalBracket, reason: str) -> None:
+        """Put aside what landed for a bracket whose light is unknown, if the camera still lets it be read."""
+        try:
+            self._quarantine(
+                self._fetch([file for file in self.camera.card() if file.name not in bracket.intent["card"]]), reason
+            )
+        except CameraError as error:
+            log.warning("capture: frames of %s stay on the card: %s", bracket.intent["shot"], error)
+            self._quarantine([], reason)
+
+    def _open(self, want: Wanted) -> tuple[JournalBracket, dict[int, Fetched]]:
         """Move to the shot's pose and write its intent, or go on with the bracket that was under way."""
         subject = SUBJECTS[want.shot.kind]
         if subject != self._subject:
             self.camera.place(subject)
             self._subject = subject
         pose = self.rig.move(mdeg(want.shot.theta), mdeg(want.shot.phi)).position
-        photodiode = self.rig.intensity()
+        photodiode = self._photodiode()
         if not self._steady(want, photodiode):
             self._wait_for_lamp()
-            photodiode = self.rig.intensity()
-        kept, self._kept = self._kept, []
+            photodiode = self._photodiode()
+        kept, self._kept = self._kept, {}
         if kept and self._may_complete(self.brackets[-1].intent, want, pose, photodiode):
             return self.brackets[-1], kept
         if kept:
-            self._quarantine(kept, "its bracket cannot be completed")
+            self._quarantine(list(kept.values()), "its bracket cannot be completed")
+        card = self.camera.card()
+        stray = [file for file in card if file not in self._before]
+        if stray:
+            self._quarantine(self._fetch(stray), "it landed late, or somebody released the shutter", void=False)
+            card = self.camera.card()
         self._supersede(want)
         intent: Record = {
             "t": "intent",
@@ -259,11 +395,12 @@ class Session:
             "time": round(self.rig.state.uptime_ms / 1000, 3),
             "boot": self.rig.identity.boot,
             "counter": self.rig.state.exposures,
-            "card": self.camera.card(),
+            "card": [file.name for file in card],
+            "subject": subject,
         }
         self.journal.append(intent)
         self.brackets.append(JournalBracket(intent))
-        return self.brackets[-1], []
+        return self.brackets[-1], {}
 
     def _may_complete(self, intent: Record, want: Wanted, pose: Sequence[int], photodiode: int) -> bool:
         """Return whether pose and lamp allow a bracket to be completed as if it had been taken at once."""
@@ -285,79 +422,104 @@ class Session:
                 self.journal.append({"t": "superseded", "intent": number, "files": files})
                 bracket.void = True
 
-    def _expose(self, bracket: JournalBracket, names: list[str]) -> None:
-        """Take the exposures that `names` lacks, under an open shutter unless the shot is a dark one.
+    def _expose(self, bracket: JournalBracket, exposures: Sequence[float]) -> None:
+        """Take exposures, under an open shutter unless the shot is a dark one.
 
         Raises
         ------
         RigError
             The rig is disconnected or has a fault, or its shutter closed: the frames may be dark.
+        CameraError
+            No frame landed.
         """
-        exposures: list[float] = bracket.intent["exposures"]
-        seen = set(self.camera.card())
         lit = self._subject != "dark"
+        opened = 0
         if lit:
-            self.rig.shutter(True, sum(exposures) + FRAME_LIMIT_S * len(exposures))
-        for seconds in exposures[len(names) :]:
-            names.append(self._expose_once(seconds, seen))
+            opened = self.rig.shutter(True, sum(exposures) + FRAME_LIMIT_S * len(exposures)).uptime_ms
+        for seconds in exposures:
+            self._expose_once(seconds)
             confirm_shutter(self.rig, lit)
         if lit:
-            self.rig.shutter(False)
+            self._note_light(bracket, (self.rig.shutter(False).uptime_ms - opened) / 1000)
 
-    def _expose_once(self, seconds: float, seen: set[str]) -> str:
-        """Take one frame and return its name; try again where none lands, or several do, which are quarantined."""
+    def _note_light(self, bracket: JournalBracket, seconds: float) -> None:
+        """Keep the light that the sample had, in the journal."""
+        dose = Dose(seconds, seconds * (self.lighting.lux or 0.0))
+        number = self.brackets.index(bracket)
+        self.journal.append(
+            {"t": "dose", "intent": number, "open_s": round(dose.open_s, 3), "lux_s": round(dose.lux_s, 1)}
+        )
+
+    def _expose_once(self, seconds: float) -> None:
+        """Take one exposure, and try again where no frame lands of it.
+
+        What lands is matched with the exposures later, under the closed shutter (`_fill`).
+        """
+        seen = set(self.camera.card())
         problem = "no frame landed on the card"
         for _ in range(TRIES):
+            counted = self.rig.status().exposures
             try:
                 self.camera.expose(seconds)
             except CameraError as error:
                 problem = str(error)
-            new = [name for name in self.camera.card() if name not in seen]
-            seen.update(new)
-            if len(new) == 1:
-                return new[0]
-            if new:
-                self._quarantine(new, "surplus on the card", void=False)
+            if self._landed(seen, counted):
+                return
         raise CameraError(
             f"the camera missed an exposure of {seconds:g} s twice ({problem}); check it, then run the capture again"
         )
 
-    def _record(self, bracket: JournalBracket, names: list[str], photodiode: int, how: str) -> None:
-        """Copy the frames to disk, record them, and only then delete them on the card."""
+    def _landed(self, seen: set[CardFile], counted: int) -> bool:
+        """Return whether a new frame is on the card; it is waited for where the rig has counted its exposure."""
+        waited = 0.0
+        while all(file in seen for file in self.camera.card()):
+            owed = self.rig.identity.x_sync and self.rig.status().exposures > counted
+            if not owed or waited >= OWED_S:
+                return False
+            self.rig.wait(1.0)
+            waited += 1.0
+        return True
+
+    def _record(self, bracket: JournalBracket, frames: dict[int, Fetched], photodiode: int, how: str) -> None:
+        """Give the frames of a bracket their names, record them, and only then delete them on the card."""
         intent = bracket.intent
-        stem = f"{intent['shot']}_e{{k}}_r{intent['revision']}{self.camera.suffix}"
         folder = self.root / "frames" / intent["group"]
-        targets = [folder / stem.format(k=k) for k in range(len(names))]
-        landed = land(self.camera, self.root, names, targets)
+        places = sorted(frames)
+        targets = [folder / f"{intent['shot']}_e{k}_r{intent['revision']}{self.camera.suffix}" for k in places]
+        landed = land(self.root, [frames[k] for k in places], targets)
         number = len(self.brackets) - 1
         records: list[Record] = [
-            {"t": "frame", "intent": number, "k": k, "exposure": intent["exposures"][k], "file": frame.file,
-             "sha256": frame.sha256, "bytes": frame.bytes, "name": name, "photodiode": photodiode, "how": how}
-            for k, (name, frame) in enumerate(zip(names, landed, strict=True))
+            {"t": "frame", "intent": number, "k": k, "exposure": intent["exposures"][k], "file": file.file,
+             "sha256": file.sha256, "bytes": file.bytes, "name": frames[k].source.name, "photodiode": photodiode,
+             "how": how}
+            for k, file in zip(places, landed, strict=True)
         ]  # fmt: skip
         self.journal.append(*records)
         bracket.frames = {record["k"]: record for record in records}
-        for name in names:
-            self.camera.delete(name)
+        times = [facts.taken for frame in frames.values() if (facts := frame.facts)]
+        self._newest = max(self._newest, *times)
+        for k in places:
+            self.camera.delete(frames[k].source.name)
 
-    def _quarantine(self, names: list[str], reason: str, void: bool = True) -> None:
-        """Copy files aside that are not to be used; with `void` the bracket under way becomes invalid."""
-        landed = quarantine(self.camera, self.root, names)
+    def _quarantine(self, frames: Sequence[Fetched], reason: str, void: bool = True) -> None:
+        """Put copies aside that are not to be used; with `void` the bracket under way becomes invalid."""
+        landed = quarantine(self.root, frames) if frames else []
         files = [
-            {"name": name, "file": each.file, "sha256": each.sha256} for name, each in zip(names, landed, strict=True)
+            {"name": frame.source.name, "file": each.file, "sha256": each.sha256}
+            for frame, each in zip(frames, landed, strict=True)
         ]
         number = len(self.brackets) - 1 if void and self.brackets else None
         self.journal.append({"t": "quarantined", "intent": number, "reason": reason, "files": files})
         if number is not None:
             self.brackets[number].void = True
-        for name in names:
-            self.camera.delete(name)
-        log.info("capture: quarantined %s: %s", ", ".join(names), reason)
+        for frame in frames:
+            self.camera.delete(frame.source.name)
+        log.info("capture: quarantined %s: %s", ", ".join(frame.source.name for frame in frames) or "nothing", reason)
 
     # -- lamp ----------------------------------------------------------------------------------------
 
     def _steady(self, want: Wanted, photodiode: int) -> bool:
-        if want.shot.kind == "dark":
+        if want.shot.kind == "dark" or not self.rig.identity.photodiode:
             return True
         return abs(photodiode - self._reference) <= LAMP_LEAVES * self._reference
 

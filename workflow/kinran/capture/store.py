@@ -6,7 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from kinran.rig.camera import Camera, CameraError
+from kinran.base.files import sha256
+from kinran.rig.camera import Camera, CameraError, CardFile, FrameFacts
+
+FETCHES = 3
+"""Times that a file is fetched from the card before the session stops: a choice."""
 
 
 @dataclass(frozen=True)
@@ -18,60 +22,111 @@ class Landed:
     bytes: int
 
 
-def land(camera: Camera, root: Path, names: Sequence[str], targets: Sequence[Path]) -> list[Landed]:
-    """Copy frames from the card to temporary names, sync them, rename them all, and sync their folder.
+@dataclass(frozen=True)
+class Fetched:
+    """A copy of a file on the card that two readings agree on; it has no final name yet.
 
-    The frames stay on the card. All targets lie in one folder.
+    Attributes
+    ----------
+    source
+        The file on the card.
+    part
+        The copy, synced.
+    sha256
+        Its digest.
+    facts
+        What the frame says of itself; None where it does not decode.
+    problem
+        Why it does not decode; empty where it does.
+    """
+
+    source: CardFile
+    part: Path
+    sha256: str
+    facts: FrameFacts | None
+    problem: str = ""
+
+
+def fetch(camera: Camera, root: Path, source: CardFile) -> Fetched:
+    """Copy a file from the card, until its size is what the camera says and a second reading agrees with the first.
+
+    A copy that does not decode is fetched again, too; one that never does is returned with its problem.
 
     Raises
     ------
     CameraError
-        A frame is empty.
+        No two readings agree, in `FETCHES` tries, or the file is empty; it is still on the card.
     OSError
-        The disk is full or fails; no target exists in that case.
+        The disk is full or fails; no copy is left in that case.
+    """
+    part = root / f"card-{hashlib.sha256(source.name.encode()).hexdigest()[:12]}.part"
+    problem = "it is empty"
+    sound: Fetched | None = None
+    try:
+        for _ in range(FETCHES if source.bytes else 0):
+            sound = None
+            try:
+                camera.download(source.name, part)
+                with part.open("rb+") as stream:
+                    data = stream.read()
+                    os.fsync(stream.fileno())
+                digest = hashlib.sha256(data).hexdigest()
+                if len(data) != source.bytes:
+                    problem = f"{len(data)} of {source.bytes} bytes came"
+                    continue
+                if camera.digest(source.name) != digest:
+                    problem = "two readings of it differ"
+                    continue
+            except CameraError as error:
+                problem = str(error)
+                continue
+            try:
+                return Fetched(source, part, digest, camera.facts(part))
+            except CameraError as error:
+                sound = Fetched(source, part, digest, None, str(error))
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
+    if sound is not None:
+        return sound
+    part.unlink(missing_ok=True)
+    raise CameraError(
+        f"{source.name} cannot be fetched whole: {problem}; it is still on the card:"
+        " check cable and card, then run the capture again"
+    )
+
+
+def land(root: Path, frames: Sequence[Fetched], targets: Sequence[Path]) -> list[Landed]:
+    """Give copies their final names, and sync their folder. All targets lie in one folder.
+
+    Whatever stands under a final name already, and is not the same frame, is moved to the folder ``superseded``: a
+    frame is never overwritten.
+
+    Raises
+    ------
+    OSError
+        The disk fails.
     """
     folder = targets[0].parent
     folder.mkdir(parents=True, exist_ok=True)
-    parts = [target.with_name(target.name + ".part") for target in targets]
-    try:
-        landed = [
-            _copy(camera, name, part, target.relative_to(root))
-            for name, part, target in zip(names, parts, targets, strict=True)
-        ]
-    except OSError:
-        for part in parts:
-            part.unlink(missing_ok=True)
-        raise
-    for part, target in zip(parts, targets, strict=True):
-        part.replace(target)
+    for frame, target in zip(frames, targets, strict=True):
+        if target.exists() and (digest := sha256(target)) != frame.sha256:
+            aside = root / "superseded" / "unrecorded"
+            aside.mkdir(parents=True, exist_ok=True)
+            target.replace(aside / f"{digest[:12]}_{target.name}")
+            sync_folder(aside)
+        frame.part.replace(target)
     sync_folder(folder)
-    return landed
+    return [
+        Landed(target.relative_to(root).as_posix(), frame.sha256, frame.source.bytes)
+        for frame, target in zip(frames, targets, strict=True)
+    ]
 
 
-def _copy(camera: Camera, name: str, part: Path, file: Path) -> Landed:
-    camera.download(name, part)
-    with part.open("rb+") as stream:
-        data = stream.read()
-        os.fsync(stream.fileno())
-    if not data:
-        raise CameraError(f"{name}: came empty from the card; look at the card, then run the capture again")
-    return Landed(file.as_posix(), hashlib.sha256(data).hexdigest(), len(data))
-
-
-def digest_on_card(camera: Camera, root: Path, name: str) -> str:
-    """Return the SHA-256 of a file on the card, in hexadecimal."""
-    part = root / "card-file.part"
-    camera.download(name, part)
-    digest = hashlib.sha256(part.read_bytes()).hexdigest()
-    part.unlink()
-    return digest
-
-
-def quarantine(camera: Camera, root: Path, names: Sequence[str]) -> list[Landed]:
-    """Copy surplus files, and those of a void bracket, to the folder ``quarantine``; they stay on the card."""
-    folder = root / "quarantine"
-    targets = [folder / f"{digest_on_card(camera, root, name)[:12]}_{name}" for name in names]
-    return land(camera, root, names, targets)
+def quarantine(root: Path, frames: Sequence[Fetched]) -> list[Landed]:
+    """Give copies of surplus frames, and of those of a void bracket, names in the folder ``quarantine``."""
+    names = [f"{frame.sha256[:12]}_{Path(frame.source.name).name}" for frame in frames]
+    return land(root, frames, [root / "quarantine" / name for name in names])
 
 
 def set_aside(root: Path, files: Sequence[str], folder: Path) -> None:

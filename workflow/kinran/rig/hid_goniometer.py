@@ -14,6 +14,7 @@ from kinran.rig.protocol import (
     Config,
     Expose,
     Fault,
+    Flag,
     Ident,
     JobState,
     Move,
@@ -228,6 +229,8 @@ class HidGoniometer:
         until = self._clock() + seconds
         while (left := until - self._clock()) > 0:
             self._listen(max(1, min(500, round(left * 1000))))
+            if self.state.has(Flag.SHUTTER) and self._clock() - self._told > HEARTBEAT_S:
+                self.ping()
 
     def shutter(self, is_open: bool, seconds: float = 30.0) -> State:
         """Open the lamp's shutter, for at most `seconds`, or close it."""

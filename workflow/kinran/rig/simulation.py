@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from kinran.rig.camera import Camera
+from kinran.rig.camera import Camera, CardFile, FrameFacts, Health
 from kinran.rig.firmware import Firmware
 from kinran.rig.hid_goniometer import HidGoniometer
 from kinran.rig.transport import Backend, SimulatedHid
@@ -49,13 +49,35 @@ class PacedCamera:
             self._rig.ping()
             left -= _SLICE_S
 
-    def card(self) -> list[str]:
-        """Return the files on the card; see `Camera.card`."""
+    @property
+    def iso(self) -> float:
+        """See `Camera.iso`."""
+        return self._camera.iso
+
+    @property
+    def aperture(self) -> float:
+        """See `Camera.aperture`."""
+        return self._camera.aperture
+
+    def card(self) -> list[CardFile]:
+        """Return the frames on the card; see `Camera.card`."""
         return self._camera.card()
 
     def download(self, name: str, to: Path) -> None:
         """Copy a file from the card; see `Camera.download`."""
         self._camera.download(name, to)
+
+    def digest(self, name: str) -> str:
+        """Read a file on the card once more; see `Camera.digest`."""
+        return self._camera.digest(name)
+
+    def facts(self, path: Path) -> FrameFacts:
+        """Decode a copy of a frame; see `Camera.facts`."""
+        return self._camera.facts(path)
+
+    def health(self) -> Health:
+        """Return battery and free space; see `Camera.health`."""
+        return self._camera.health()
 
     def delete(self, name: str) -> None:
         """Delete a file on the card; see `Camera.delete`."""

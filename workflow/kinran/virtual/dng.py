@@ -1,5 +1,6 @@
 """Write Bayer DNG files, as a camera does: uncompressed, with an optical-black border and EXIF."""
 
+import struct
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -13,6 +14,10 @@ MODEL = "Virtual"
 """Camera model in EXIF."""
 RGGB = (0, 1, 1, 2)
 """Colours (0 red, 1 green, 2 blue) of the first two sites of the first two rows."""
+ISO, APERTURE = 100, Fraction(8)
+"""Settings that a frame states if it is not told others: made up."""
+EXIF, PLACEHOLDER = 34665, 34664
+"""Tag of the pointer to the directory of the exposure, and one that tifffile lets through in its place."""
 COLOUR_MATRIX = (7054, -1501, -990, -8156, 15544, 2812, -1278, 1414, 7796)
 """XYZ (D65) to camera, × 10⁴ as in DNG, of the profile of a common APS-C camera. Nothing in Kinran reads it."""
 
@@ -35,6 +40,8 @@ class Tags:
         Colours (0 red, 1 green, 2 blue) of the first two sites of the first two rows under the mask.
     orientation
         EXIF's orientation: 1 upright; 3, 6 and 8 for a camera that was turned.
+    iso, aperture
+        ISO and aperture (f-number).
     """
 
     seconds: Fraction
@@ -44,6 +51,8 @@ class Tags:
     when: str
     pattern: tuple[int, int, int, int] = RGGB
     orientation: int = 1
+    iso: int = ISO
+    aperture: Fraction = APERTURE
 
 
 def write_dng(path: Path, bayer: NDArray[np.uint16], said: Tags, encoded: bytes | None = None) -> None:
@@ -79,10 +88,11 @@ def write_dng(path: Path, bayer: NDArray[np.uint16], said: Tags, encoded: bytes 
         (50778, "H", 1, 21, True),  # CalibrationIlluminant1: D65
         (274, "H", 1, said.orientation, True),
         (33434, "2I", 1, (said.seconds.numerator, said.seconds.denominator), True),
-        (34855, "H", 1, 100, True),  # ISO
-        (33437, "2I", 1, (8, 1), True),  # aperture
+        (34855, "H", 1, said.iso, True),
+        (33437, "2I", 1, (said.aperture.numerator, said.aperture.denominator), True),
         (36867, "s", 0, said.when, True),
         (306, "s", 0, said.when, True),
+        (PLACEHOLDER, "I", 1, 0, True),
     ]
     how = {
         "photometric": 32803,
@@ -97,3 +107,28 @@ def write_dng(path: Path, bayer: NDArray[np.uint16], said: Tags, encoded: bytes 
     else:
         with tifffile.TiffWriter(path) as file:
             file.write(iter([encoded]), shape=bayer.shape, dtype=np.uint16, compression=7, **how)
+    _append_exif(path, said)
+
+
+def _append_exif(path: Path, said: Tags) -> None:
+    """Append the directory of the exposure, where LibRaw looks for the ISO; tifffile refuses to write one."""
+    data = bytearray(path.read_bytes())
+    with tifffile.TiffFile(path) as file:
+        place = file.pages[0].tags[PLACEHOLDER].offset
+    start = len(data) + len(data) % 2
+    data += bytes(len(data) % 2)
+    values = start + 2 + 12 * 4 + 4
+    fractions = [*_pair(said.seconds), *_pair(said.aperture)]
+    when = said.when.encode() + b"\0"
+    data += struct.pack("<H", 4)
+    data += struct.pack("<HHII", 33434, 5, 1, values)
+    data += struct.pack("<HHII", 33437, 5, 1, values + 8)
+    data += struct.pack("<HHII", 34855, 3, 1, said.iso)
+    data += struct.pack("<HHII", 36867, 2, len(when), values + 16)
+    data += struct.pack("<I4I", 0, *fractions) + when
+    struct.pack_into("<HHII", data, place, EXIF, 4, 1, start)
+    path.write_bytes(data)
+
+
+def _pair(value: Fraction) -> tuple[int, int]:
+    return value.numerator, value.denominator

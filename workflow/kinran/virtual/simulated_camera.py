@@ -11,11 +11,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.base.files import InputError
+from kinran.base.files import InputError, sha256
 from kinran.base.frames import direction
-from kinran.rig.camera import CameraError
+from kinran.rig.camera import CameraError, CardFile, FrameFacts, Health
+from kinran.rig.raw_facts import raw_facts
 from kinran.virtual import targets
-from kinran.virtual.dng import Tags, write_dng
+from kinran.virtual.dng import APERTURE, ISO, Tags, write_dng
 from kinran.virtual.sensor import BORDER, Sensor, shutter
 from kinran.virtual.weave import VirtualFabric
 
@@ -73,6 +74,8 @@ class SimulatedCamera:
     """
 
     suffix = ".dng"
+    iso = float(ISO)
+    aperture = float(APERTURE)
 
     def __init__(self, firmware: Rig, card: Path, scene: dict[str, Any], cache: Path = CACHE, group: str = "") -> None:
         self._rig, self._card, self._cache, self._group = firmware, card, cache, group
@@ -102,31 +105,45 @@ class SimulatedCamera:
             self._fabric.seed,
             np.array([self._fabric.seed, zlib.crc32(frame.encode()), taken.count(frame)], np.uint64),
         )
-        number = max([len(taken), *(int(path.stem[4:]) for path in self._card.glob(f"IMG_*{self.suffix}"))]) + 1
+        number = max([len(taken), *(_number(path) for path in self._card.glob(f"IMG_*{self.suffix}"))]) + 1
         path = self._card / f"IMG_{number:05d}{self.suffix}"
         clock = round(rig.lamp_seconds * 1000)
         temporary = path.with_suffix(".part")
-        when = f"2000:01:01 {clock // 3_600_000 % 24:02d}:{clock // 60_000 % 60:02d}:{clock // 1000 % 60:02d}"
+        day, hour = divmod(clock // 3_600_000, 24)
+        when = f"2000:01:{1 + day:02d} {hour:02d}:{clock // 60_000 % 60:02d}:{clock // 1000 % 60:02d}"
         nominal = Fraction(seconds).limit_denominator(100_000)
         write_dng(temporary, bayer, Tags(nominal, BORDER, self._sensor.black, 4095, when))
         temporary.replace(path)
         with (self._card / TAKEN).open("a") as file:
             file.write(f"{frame}\n")
 
-    def card(self) -> list[str]:
-        """Names of the files on the card, oldest first."""
-        return sorted(path.name for path in self._card.glob(f"*{self.suffix}"))
+    def card(self) -> list[CardFile]:
+        """Return the frames on the card, oldest first: by the number that the camera counts."""
+        files = sorted(self._card.glob(f"IMG_*{self.suffix}"), key=_number)
+        return [CardFile(path.name, path.stat().st_size) for path in files]
 
     def download(self, name: str, to: Path) -> None:
         """Copy a file from the card."""
         shutil.copyfile(self._file(name), to)
+
+    def digest(self, name: str) -> str:
+        """Read a file on the card once more, and return its SHA-256."""
+        return sha256(self._file(name))
+
+    def facts(self, path: Path) -> FrameFacts:
+        """Decode a copy of a frame."""
+        return raw_facts(path)
+
+    def health(self) -> Health:
+        """Return the free space of the disk that holds the card."""
+        return Health(free_bytes=shutil.disk_usage(self._card).free)
 
     def delete(self, name: str) -> None:
         """Delete a file on the card."""
         self._file(name).unlink()
 
     def _file(self, name: str) -> Path:
-        if name not in self.card():
+        if name not in [file.name for file in self.card()]:
             raise CameraError(f"{name}: no such file on the card; list the card again")
         return self._card / name
 
@@ -151,6 +168,11 @@ class SimulatedCamera:
         light = direction(*np.radians(np.array([theta, phi]) / 1000))
         subject = targets.white if self._subject == "white" else targets.chart
         return subject(light, fabric.field_mm, fabric.texels, fabric.lamp_mm)
+
+
+def _number(path: Path) -> int:
+    """Return the number that the camera gave a frame."""
+    return int(path.stem.removeprefix("IMG_"))
 
 
 @lru_cache(maxsize=2)  # a bracket sees the same scene at all its exposures
