@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +12,12 @@ from kinran.base.files import sha256
 from kinran.capture.journal import Record
 from kinran.data.capture_plan import Group, Plan, Shot
 from kinran.rig.motion import mdeg
+
+
+_LOST: Record = {"group": "", "shot": "", "revision": 0, "setup": "", "exposures": [], "boot": 0, "card": []}
+"""What an intent says of which a repair found no more than its number."""
+_FRAME = re.compile(r"(?P<shot>.+)_e(?P<k>\d+)_r(?P<revision>\d+)\.\w+")
+"""Name of a frame's file."""
 
 
 @dataclass
@@ -24,7 +31,7 @@ class JournalBracket:
     frames
         Records of the frames, by their place in the bracket.
     void
-        Whether the frames were quarantined or superseded.
+        Whether the frames were quarantined or superseded, or could not be proven by a repair.
     """
 
     intent: Record
@@ -60,11 +67,40 @@ def read_brackets(records: Iterable[Record]) -> list[JournalBracket]:
         match record["t"]:
             case "intent":
                 brackets.append(JournalBracket(record))
+            case "lost":  # a repair knows that there was an intent, and no more
+                brackets.append(JournalBracket(_LOST | record, void=True))
             case "frame":
                 brackets[record["intent"]].frames[record["k"]] = record
-            case "quarantined" | "superseded" if record["intent"] is not None:
+            case "quarantined" | "superseded" | "unproven" if record["intent"] is not None:
                 brackets[record["intent"]].void = True
     return brackets
+
+
+def frame_place(file: str) -> tuple[str, str, int] | None:
+    """Return group, shot and revision of which a file ``frames/GROUP/NAME`` is a frame; None if its name is no frame's."""
+    path = Path(file)
+    found = _FRAME.fullmatch(path.name)
+    return (path.parent.name, found["shot"], int(found["revision"])) if found else None
+
+
+def place(intent: Record) -> tuple[str, str, int]:
+    """Return group, shot and revision of an intent: brackets that agree in them have files of the same names."""
+    return intent["group"], intent["shot"], intent["revision"]
+
+
+def finished(records: Iterable[Record], group: str) -> bool:
+    """Return whether a group was left in order: a session wrote ``complete`` after its last frame and tidied the card."""
+    groups: list[str] = []
+    done = False
+    for record in records:
+        match record["t"]:
+            case "intent" | "lost":
+                groups.append(record.get("group", ""))
+            case "frame" if groups[record["intent"]] == group:
+                done = False
+            case "complete" if record["group"] == group:
+                done = True
+    return done
 
 
 def setup_digest(plan: Plan, shot: Shot, device: Mapping[str, Any]) -> str:

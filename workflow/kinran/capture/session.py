@@ -17,6 +17,7 @@ from kinran.capture.brackets_taken import JournalBracket, Wanted, missing, read_
 from kinran.capture.frame_check import match
 from kinran.capture.journal import Journal, Record
 from kinran.capture.light_dose import Dose, Lighting, check_dose, light_dose
+from kinran.capture.sidecar import keep_sidecar
 from kinran.capture.store import Fetched, fetch, land, quarantine, remove_parts, set_aside
 from kinran.capture.warm_up import WINDOW_S, Samples, warm_up
 from kinran.data.capture_plan import Plan
@@ -494,6 +495,7 @@ class Session:
              "how": how}
             for k, file in zip(places, landed, strict=True)
         ]  # fmt: skip
+        keep_sidecar(self.root, number, self.journal.records, intent, records)
         self.journal.append(*records)
         bracket.frames = {record["k"]: record for record in records}
         times = [facts.taken for frame in frames.values() if (facts := frame.facts)]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from kinran.base.files import sha256
+from kinran.capture.journal import sync_folder
 from kinran.rig.camera import Camera, CameraError, CardFile, FrameFacts
 
 FETCHES = 3
@@ -145,12 +146,3 @@ def remove_parts(root: Path) -> None:
     for folder in (root, root / "quarantine", *(root / "frames").glob("*")):
         for part in folder.glob("*.part"):
             part.unlink()
-
-
-def sync_folder(folder: Path) -> None:
-    """Wait until the disk has the names in a folder."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
