@@ -13,9 +13,6 @@ from kinran.capture.journal import Record
 from kinran.data.capture_plan import Group, Plan, Shot
 from kinran.rig.motion import mdeg
 
-
-_LOST: Record = {"group": "", "shot": "", "revision": 0, "setup": "", "exposures": [], "boot": 0, "card": []}
-"""What an intent says of which a repair found no more than its number."""
 _FRAME = re.compile(r"(?P<shot>.+)_e(?P<k>\d+)_r(?P<revision>\d+)\.\w+")
 """Name of a frame's file."""
 
@@ -66,9 +63,7 @@ def read_brackets(records: Iterable[Record]) -> list[JournalBracket]:
     for record in records:
         match record["t"]:
             case "intent":
-                brackets.append(JournalBracket(record))
-            case "lost":  # a repair knows that there was an intent, and no more
-                brackets.append(JournalBracket(_LOST | record, void=True))
+                brackets.append(JournalBracket(record, void="lost" in record))
             case "frame":
                 brackets[record["intent"]].frames[record["k"]] = record
             case "quarantined" | "superseded" | "unproven" if record["intent"] is not None:
@@ -77,7 +72,7 @@ def read_brackets(records: Iterable[Record]) -> list[JournalBracket]:
 
 
 def frame_place(file: str) -> tuple[str, str, int] | None:
-    """Return group, shot and revision of which a file ``frames/GROUP/NAME`` is a frame; None if its name is no frame's."""
+    """Return group, shot and revision of a file ``frames/GROUP/NAME``; None if its name is not that of a frame."""
     path = Path(file)
     found = _FRAME.fullmatch(path.name)
     return (path.parent.name, found["shot"], int(found["revision"])) if found else None
@@ -89,13 +84,13 @@ def place(intent: Record) -> tuple[str, str, int]:
 
 
 def finished(records: Iterable[Record], group: str) -> bool:
-    """Return whether a group was left in order: a session wrote ``complete`` after its last frame and tidied the card."""
+    """Return whether a session tidied the card and wrote ``complete`` after the last frame of a group."""
     groups: list[str] = []
     done = False
     for record in records:
         match record["t"]:
-            case "intent" | "lost":
-                groups.append(record.get("group", ""))
+            case "intent":
+                groups.append(record["group"])
             case "frame" if groups[record["intent"]] == group:
                 done = False
             case "complete" if record["group"] == group:

@@ -101,8 +101,8 @@ def capture(
     root
         Folder of the capture: frames, journal, card, quarantine.
     devices
-        Function that opens the rig and the camera; called only when something is to be shot, or when a session was killed
-        before it had tidied the card.
+        Function that opens the rig and the camera; called only when something is to be shot, or when a session was
+        killed before it had tidied the card.
     device
         Description of the devices; frames of another description do not count.
     revisions
@@ -111,8 +111,8 @@ def capture(
     Raises
     ------
     InputError
-        A revision names no shot of the group, another capture runs, the disk is full or fails, or the journal is damaged
-        or lost.
+        A revision names no shot of the group, another capture runs, the disk is full or fails, or the journal is
+        damaged or lost.
     RigError, CameraError
         A device stopped the session; what was shot is safe, and the next run goes on from there.
     """

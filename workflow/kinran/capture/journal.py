@@ -104,6 +104,16 @@ def lock(path: Path) -> int:
     raise InputError(f"{path}: cannot be written to ({strange.strerror}); choose another folder")
 
 
+def running(path: Path) -> bool:
+    """Return whether a process has a journal open for appending; nothing is changed."""
+    with path.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
+
+
 class Journal:
     """A journal open for appending, held by one process at a time.
 

@@ -11,12 +11,18 @@ from pathlib import Path
 from kinran.base.files import InputError, sha256
 from kinran.capture.brackets_taken import JournalBracket, frame_place, place, read_brackets
 from kinran.capture.journal import COPY, JOURNAL, Journal, Record, parse, remedy, split
-from kinran.capture.sidecar import read_sidecars
+from kinran.capture.sidecar import Sidecar, read_sidecars
 
 log = logging.getLogger(__name__)
 
 _ASIDE = re.compile(r"[0-9a-f]{12}_(.+)")
-"""Name of a file in quarantine."""
+"""Name of a file in quarantine, or of one that made room for a frame."""
+
+
+def aside_name(path: Path) -> str:
+    """Return the name that a file that was put aside had before; empty if no capture put it there."""
+    found = _ASIDE.fullmatch(path.name)
+    return found[1] if found else ""
 
 
 def checked_brackets(root: Path, records: list[Record]) -> list[JournalBracket]:
@@ -37,7 +43,7 @@ def checked_brackets(root: Path, records: list[Record]) -> list[JournalBracket]:
     journal, cure = root / JOURNAL, remedy(root)
     count = 0
     for number, record in enumerate(records, 1):
-        count += record["t"] in ("intent", "lost")
+        count += record["t"] == "intent"
         if record.get("intent") is not None and record["intent"] >= count:
             raise InputError(f"{journal}: line {number} names a bracket that stands in no line before it; {cure}")
     for number, copied in enumerate(copied_records(root)):
@@ -47,10 +53,11 @@ def checked_brackets(root: Path, records: list[Record]) -> list[JournalBracket]:
     sidecars, damaged = read_sidecars(root)
     for path in damaged:
         log.warning("capture: %s is damaged; `kinran rig repair %s` writes it again", path, root.resolve().name)
-    for number, (_, intent, *frames) in sidecars.items():
-        if not _agrees(brackets, number, intent, frames):
+    for number, sidecar in sidecars.items():
+        if not _agrees(brackets, number, sidecar):
+            shot = sidecar.intent["shot"]
             raise InputError(
-                f"{journal}: does not have bracket {number}, {intent['shot']}, as its sidecar has it; {cure}"
+                f"{journal}: does not have bracket {number}, {shot}, as its sidecar has it; {cure}"
             )
     for path in unknown_files(root, records, brackets):
         raise InputError(f"{path}: is there, but {JOURNAL} does not know it; {cure}")
@@ -63,18 +70,18 @@ def copied_records(root: Path) -> list[Record | None]:
     return [parse(each) for each in split(path.read_bytes())] if path.exists() else []
 
 
-def _agrees(brackets: list[JournalBracket], number: int, intent: Record, frames: list[Record]) -> bool:
+def _agrees(brackets: list[JournalBracket], number: int, sidecar: Sidecar) -> bool:
     """Return whether the journal has a bracket as its sidecar says; a killed session leaves the last one unrecorded."""
     if number >= len(brackets):
         return False
     bracket = brackets[number]
-    if bracket.intent != intent:
+    if bracket.intent != sidecar.intent:
         return False
     if bracket.void:
         return True
     if not bracket.recorded:
         return number == len(brackets) - 1
-    return all(bracket.frames[frame["k"]]["sha256"] == frame["sha256"] for frame in frames)
+    return all(bracket.frames[frame["k"]]["sha256"] == frame["sha256"] for frame in sidecar.frames)
 
 
 def unknown_files(root: Path, records: list[Record], brackets: list[JournalBracket]) -> Iterator[Path]:
@@ -90,16 +97,11 @@ def unknown_files(root: Path, records: list[Record], brackets: list[JournalBrack
         if (at := frame_place(file)) and at not in places and file not in named:
             yield path
     if not brackets or brackets[-1].complete:  # else a session may have been killed before it recorded them
-        frames = {f"{shot}_{revision}" for _, shot, revision in places}
         for path in sorted((root / "quarantine").glob("*")):
-            aside = _ASIDE.fullmatch(path.name)
-            if not aside or path.suffix == ".part" or path.relative_to(root).as_posix() in named:
-                continue
-            at = frame_place(aside[1])
-            if not at or f"{at[1]}_{at[2]}" not in frames:  # an old frame that made room for a new one
+            if aside_name(path) and path.suffix != ".part" and path.relative_to(root).as_posix() not in named:
                 yield path
     for path in sorted((root / "superseded").glob("*/*")):
-        if frame_place(path.name) and not (path.parent.name.isdigit() and int(path.parent.name) < len(brackets)):
+        if frame_place(path.name) and path.parent.name.isdigit() and int(path.parent.name) >= len(brackets):
             yield path
 
 
@@ -111,10 +113,10 @@ def record_last(root: Path, journal: Journal, brackets: list[JournalBracket]) ->
     if not brackets or brackets[-1].recorded or brackets[-1].void:
         return
     sidecars, _ = read_sidecars(root)
-    frames = sidecars.get(len(brackets) - 1, [])[2:]
-    if frames and all(_stands(root, frame) for frame in frames):
-        journal.append(*frames)
-        brackets[-1].frames = {frame["k"]: frame for frame in frames}
+    sidecar = sidecars.get(len(brackets) - 1)
+    if sidecar and all(_stands(root, frame) for frame in sidecar.frames):
+        journal.append(*sidecar.frames)
+        brackets[-1].frames = {frame["k"]: frame for frame in sidecar.frames}
 
 
 def _stands(root: Path, frame: Record) -> bool:

@@ -10,6 +10,8 @@ from kinran.base.files import sha256
 from kinran.capture.journal import sync_folder
 from kinran.rig.camera import Camera, CameraError, CardFile, FrameFacts
 
+UNRECORDED = "unrecorded"
+"""Folder in ``superseded`` of files that made room for a frame; the name of each begins with its digest."""
 FETCHES = 3
 """Times that a file is fetched from the card before the session stops: a choice."""
 
@@ -112,7 +114,7 @@ def land(root: Path, frames: Sequence[Fetched], targets: Sequence[Path]) -> list
     folder.mkdir(parents=True, exist_ok=True)
     for frame, target in zip(frames, targets, strict=True):
         if target.exists() and (digest := sha256(target)) != frame.sha256:
-            aside = root / "superseded" / "unrecorded"
+            aside = root / "superseded" / UNRECORDED
             aside.mkdir(parents=True, exist_ok=True)
             target.replace(aside / f"{digest[:12]}_{target.name}")
             sync_folder(aside)
