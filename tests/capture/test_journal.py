@@ -58,12 +58,27 @@ def test_a_torn_tail_is_cut_before_the_next_record(tmp_path: Path, cut: int) -> 
     assert read(path) == ([*RECORDS[:4], RECORDS[0]], path.stat().st_size)
 
 
-def test_a_tail_of_noise_is_cut(tmp_path: Path) -> None:
+@pytest.mark.parametrize("tail", [b"\0" * 4096, line(RECORDS[1])[:20] + b"\0" * 9])
+def test_a_tail_of_nuls_is_cut(tmp_path: Path, tail: bytes) -> None:
+    """A file system that lost its power leaves it."""
     path = tmp_path / "journal.jsonl"
-    path.write_bytes(line(RECORDS[0]) + b"\0\0\xff\n\0\0")
+    path.write_bytes(line(RECORDS[0]) + tail)
     with Journal(path) as journal:
         assert journal.records == RECORDS[:1]
-        assert journal.torn == 6
+        assert journal.torn == len(tail)
+        journal.append(RECORDS[1])
+    assert read(path)[0] == RECORDS[:2]
+
+
+@pytest.mark.parametrize("tail", [b"noise\n", line(RECORDS[1])[:-1] + b"\r\n", b"\0\0\xff", b" 00000000\n"])
+def test_more_than_one_torn_line_is_never_cut(tmp_path: Path, tail: bytes) -> None:
+    """A line that has its end was whole once."""
+    path = tmp_path / "silk" / "journal.jsonl"
+    path.parent.mkdir()
+    path.write_bytes(line(RECORDS[0]) + tail)
+    with pytest.raises(InputError, match=r"line 2 is damaged; run `kinran rig repair silk`"):
+        Journal(path)
+    assert path.read_bytes() == line(RECORDS[0]) + tail
 
 
 def test_damage_before_sound_records_is_refused(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +12,9 @@ from kinran.base.files import sha256
 from kinran.capture.journal import Record
 from kinran.data.capture_plan import Group, Plan, Shot
 from kinran.rig.motion import mdeg
+
+_FRAME = re.compile(r"(?P<shot>.+)_e(?P<k>\d+)_r(?P<revision>\d+)\.\w+")
+"""Name of a frame's file."""
 
 
 @dataclass
@@ -24,7 +28,7 @@ class JournalBracket:
     frames
         Records of the frames, by their place in the bracket.
     void
-        Whether the frames were quarantined or superseded.
+        Whether the frames were quarantined or superseded, or could not be proven by a repair.
     """
 
     intent: Record
@@ -59,12 +63,39 @@ def read_brackets(records: Iterable[Record]) -> list[JournalBracket]:
     for record in records:
         match record["t"]:
             case "intent":
-                brackets.append(JournalBracket(record))
+                brackets.append(JournalBracket(record, void="lost" in record))
             case "frame":
                 brackets[record["intent"]].frames[record["k"]] = record
-            case "quarantined" | "superseded" if record["intent"] is not None:
+            case "quarantined" | "superseded" | "unproven" if record["intent"] is not None:
                 brackets[record["intent"]].void = True
     return brackets
+
+
+def frame_place(file: str) -> tuple[str, str, int] | None:
+    """Return group, shot and revision of a file ``frames/GROUP/NAME``; None if its name is not that of a frame."""
+    path = Path(file)
+    found = _FRAME.fullmatch(path.name)
+    return (path.parent.name, found["shot"], int(found["revision"])) if found else None
+
+
+def place(intent: Record) -> tuple[str, str, int]:
+    """Return group, shot and revision of an intent: brackets that agree in them have files of the same names."""
+    return intent["group"], intent["shot"], intent["revision"]
+
+
+def finished(records: Iterable[Record], group: str) -> bool:
+    """Return whether a session tidied the card and wrote ``complete`` after the last frame of a group."""
+    groups: list[str] = []
+    done = False
+    for record in records:
+        match record["t"]:
+            case "intent":
+                groups.append(record["group"])
+            case "frame" if groups[record["intent"]] == group:
+                done = False
+            case "complete" if record["group"] == group:
+                done = True
+    return done
 
 
 def setup_digest(plan: Plan, shot: Shot, device: Mapping[str, Any]) -> str:

@@ -1,5 +1,6 @@
 """Shoot the missing and the repeated shots of a group of the plan, and write the group's manifest."""
 
+import errno
 import json
 import logging
 from collections.abc import Callable, Mapping
@@ -11,8 +12,9 @@ from typing import Annotated, Any, Literal
 
 from kinran.base.digest import digest
 from kinran.base.files import InputError, write_json
-from kinran.capture.brackets_taken import Wanted, manifest, missing, read_brackets, setup_digest
-from kinran.capture.journal import Journal
+from kinran.capture.brackets_taken import Wanted, finished, manifest, missing, setup_digest
+from kinran.capture.journal import JOURNAL, Journal
+from kinran.capture.lost_records import checked_brackets, record_last
 from kinran.capture.session import Session
 from kinran.data.capture_plan import Plan, read_plan
 from kinran.rig.camera import Camera, CameraError
@@ -20,6 +22,9 @@ from kinran.rig.errors import RigError
 from kinran.rig.goniometer import Goniometer
 
 log = logging.getLogger(__name__)
+
+DISK_FAILS = (errno.EIO, errno.EROFS, errno.EACCES, errno.EPERM, errno.ESTALE)
+"""Errors of a disk that fails, or that the system has made read-only."""
 
 Devices = Callable[[], AbstractContextManager[tuple[Goniometer, Camera]]]
 
@@ -96,7 +101,8 @@ def capture(
     root
         Folder of the capture: frames, journal, card, quarantine.
     devices
-        Function that opens the rig and the camera; called only when something is to be shot.
+        Function that opens the rig and the camera; called only when something is to be shot, or when a session was
+        killed before it had tidied the card.
     device
         Description of the devices; frames of another description do not count.
     revisions
@@ -105,7 +111,8 @@ def capture(
     Raises
     ------
     InputError
-        A revision names no shot of the group, another capture runs, or the disk is full.
+        A revision names no shot of the group, another capture runs, the disk is full or fails, or the journal is
+        damaged or lost.
     RigError, CameraError
         A device stopped the session; what was shot is safe, and the next run goes on from there.
     """
@@ -114,16 +121,26 @@ def capture(
     wanted = [
         Wanted(group, shot, revisions.get(shot.shot, 0), setup_digest(plan, shot, device)) for shot in chosen.shots
     ]
-    with Journal(root / "journal.jsonl") as journal:
-        brackets = read_brackets(journal.records)
-        todo = missing(brackets, wanted, root)
-        log.info("capture %s: %d of %d shots to take", group, len(todo), len(wanted))
-        if todo:
-            with devices() as (rig, camera):
-                session = Session(plan, root, journal, rig, camera, str(device["device"]))
-                session.run(group, wanted)
-                brackets = session.brackets
-        return manifest(plan, chosen, brackets)
+    try:
+        with Journal(root / JOURNAL) as journal:
+            brackets = checked_brackets(root, journal.records)
+            record_last(root, journal, brackets)
+            todo = missing(brackets, wanted, root)
+            log.info("capture %s: %d of %d shots to take", group, len(todo), len(wanted))
+            if todo or not finished(journal.records, group):
+                with devices() as (rig, camera):
+                    session = Session(plan, root, journal, rig, camera, str(device["device"]))
+                    session.run(group, wanted)
+                    brackets = session.brackets
+                journal.copy()
+            return manifest(plan, chosen, brackets)
+    except OSError as error:
+        if error.errno not in DISK_FAILS:
+            raise
+        raise InputError(
+            f"{error.filename or root}: the disk fails ({error.strerror}); check it, then run the capture again:"
+            " what it did not record is still on the card"
+        ) from None
 
 
 def check_revisions(revisions: Mapping[str, int], shots: set[str], group: str) -> None:

@@ -1,7 +1,8 @@
 """Talk to the goniometer: look at it, home it, move it, stop it.
 
 `status` only looks. `home` clears a latched fault after showing it, then finds the reference of every axis. `estop`
-stops everything at once, whatever other program drives the rig.
+stops everything at once, whatever other program drives the rig. `repair` and `verify` need no rig: they look after the
+frames of captures.
 """
 
 import argparse
@@ -9,7 +10,8 @@ import logging
 import sys
 from pathlib import Path
 
-from kinran.base.files import InputError
+from kinran.base.files import InputError, check_name
+from kinran.capture import repair, verify
 from kinran.rig.errors import RigError
 from kinran.rig.goniometer import ALL_AXES, Goniometer
 from kinran.rig.hid_goniometer import HidGoniometer
@@ -48,6 +50,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     watching = actions.add_parser("watch", help="show a running capture: progress, lamp, last frame, questions")
     watching.add_argument("fabric", help="name of the fabric")
     watching.add_argument("--captures", type=Path, default=CAPTURES, metavar="DIR", help="folder of the captures")
+    mend = actions.add_parser("repair", help="build the journal of a capture again from its copy, sidecars and frames")
+    mend.add_argument("fabric", help="name of the fabric")
+    look = actions.add_parser("verify", help="hash all frames of captures, and say which are damaged")
+    look.add_argument("fabrics", nargs="*", metavar="fabric", help="names of fabrics (all)")
     udev = actions.add_parser("install-udev", help="write the udev rule that lets users open the rig")
     udev.add_argument("--to", type=Path, default=RULES, metavar="DIR", help=f"folder of the rule ({RULES})")
 
@@ -62,6 +68,14 @@ def main(args: argparse.Namespace) -> None:
         from kinran.capture.watch import folder, watch  # it imports what only a terminal needs
 
         watch(folder(args.captures, args.fabric))
+        return
+    if args.action == "repair":
+        root = CAPTURES / check_name(args.fabric, "fabric")
+        print(repair.report(args.fabric, repair.repair(root)))
+        return
+    if args.action == "verify":
+        names = args.fabrics or sorted(path.name for path in CAPTURES.glob("*") if path.is_dir())
+        verify.verify_all([CAPTURES / check_name(name, "fabric") for name in names])
         return
     try:
         with interruptible(), open_goniometer(args.device, settings, alone=args.action != "estop") as rig:

@@ -17,6 +17,7 @@ from kinran.capture.frame_check import own_frames
 from kinran.capture.journal import Journal, Record
 from kinran.capture.lamp_watch import LampWatch
 from kinran.capture.light_dose import Dose, Lighting, check_dose, light_dose
+from kinran.capture.sidecar import keep_sidecar
 from kinran.capture.store import DISK, Fetched, check_space, fetch, land, quarantine, remove_parts, set_aside
 from kinran.data.capture_plan import Plan
 from kinran.rig.camera import Camera, CameraError, CardFile
@@ -375,6 +376,7 @@ class Session:
              "how": how}
             for k, file in zip(places, landed, strict=True)
         ]  # fmt: skip
+        keep_sidecar(self.root, number, self.journal.records, intent, records)
         self.journal.append(*records)
         bracket.frames = {record["k"]: record for record in records}
         times = [facts.taken for frame in frames.values() if (facts := frame.facts)]

@@ -9,9 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from kinran.base.files import InputError, sha256
-from kinran.capture.journal import Record
+from kinran.capture.journal import Record, sync_folder
 from kinran.rig.camera import Camera, CameraError, CardFile, FrameFacts
 
+UNRECORDED = "unrecorded"
+"""Folder in ``superseded`` of files that made room for a frame; the name of each begins with its digest."""
 FETCHES = 3
 """Times that a file is fetched from the card before the session stops: a choice."""
 
@@ -140,7 +142,7 @@ def land(root: Path, frames: Sequence[Fetched], targets: Sequence[Path]) -> list
     folder.mkdir(parents=True, exist_ok=True)
     for frame, target in zip(frames, targets, strict=True):
         if target.exists() and (digest := sha256(target)) != frame.sha256:
-            aside = root / "superseded" / "unrecorded"
+            aside = root / "superseded" / UNRECORDED
             aside.mkdir(parents=True, exist_ok=True)
             target.replace(aside / f"{digest[:12]}_{target.name}")
             sync_folder(aside)
@@ -174,12 +176,3 @@ def remove_parts(root: Path) -> None:
     for folder in (root, root / "quarantine", *(root / "frames").glob("*")):
         for part in folder.glob("*.part"):
             part.unlink()
-
-
-def sync_folder(folder: Path) -> None:
-    """Wait until the disk has the names in a folder."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

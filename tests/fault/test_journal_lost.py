@@ -1,0 +1,410 @@
+"""A journal that is damaged, cut or lost: no frame is ever replaced, and a repair gives back what can be proven."""
+
+import errno
+import hashlib
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from capture_bench import DEVICE, EXPOSURES, Bench, check, small_plan
+
+from kinran.__main__ import main
+from kinran.base.files import InputError
+from kinran.capture.brackets_taken import read_brackets
+from kinran.capture.journal import COPY, JOURNAL, Journal, line, lock, read, split
+from kinran.capture.repair import repair
+from kinran.capture.sidecar import read_sidecars
+from kinran.capture.verify import verify
+
+PLAN = small_plan()
+FRAMES = 16 * len(EXPOSURES)
+
+
+def flipped(text: bytes, place: int) -> bytes:
+    return text[:place] + bytes([text[place] ^ 4]) + text[place + 1 :]
+
+
+DAMAGES: dict[str, Callable[[bytes], bytes | None]] = {
+    "missing": lambda text: None,
+    "empty": lambda text: b"",
+    "CRLF": lambda text: text.replace(b"\n", b"\r\n"),
+    "UTF-16": lambda text: text.decode().encode("utf-16"),
+    "UTF-16 without mark, CRLF": lambda text: text.decode().replace("\n", "\r\n").encode("utf-16-be"),
+    "UTF-8 with mark": lambda text: b"\xef\xbb\xbf" + text,
+    "flipped in the first line": lambda text: flipped(text, 30),
+    "flipped in the middle": lambda text: flipped(text, len(text) // 2),
+    "flipped in the last line": lambda text: flipped(text, len(text) - 40),
+    "a line end in the middle gone": lambda text: b"".join([*split(text)[:9], split(text)[9][:-1], *split(text)[10:]]),
+    "ten last lines gone": lambda text: b"".join(split(text)[:-10]),
+    "all but two lines gone": lambda text: b"".join(split(text)[:2]),
+    "cut in a line far before the end": lambda text: text[: len(text) // 2],
+    "an intent gone": lambda text: b"".join(split(text)[:5] + split(text)[6:]),
+    "a frame of an old bracket gone": lambda text: b"".join(split(text)[:4] + split(text)[5:]),
+    "first half gone": lambda text: b"".join(split(text)[20:]),
+    "NULs in the middle": lambda text: text[:4096] + b"\0" * 2000 + text[6096:],
+    "all NUL": lambda text: b"\0" * len(text),
+}
+"""What can happen to a journal."""
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Bench:
+    """A rig and a camera with an empty card, for a capture named silk."""
+    return Bench(tmp_path / "silk")
+
+
+@pytest.fixture(scope="module")
+def taken(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Captures of a whole group, and of half of one."""
+    folder = tmp_path_factory.mktemp("taken")
+    Bench(folder / "whole").capture(PLAN)
+    halfway(Bench(folder / "half"))
+    return {name: folder / name for name in ("whole", "half")}
+
+
+def copied(taken: Path, root: Path, exposures: int) -> Bench:
+    """A copy of a capture, with a rig and a camera that have taken so many exposures."""
+    shutil.copytree(taken, root)
+    bench = Bench(root)
+    bench.camera.fired = [f"IMG_{k:05d}.raw" for k in range(1, exposures + 1)]
+    return bench
+
+
+def damage(path: Path, harm: Callable[[bytes], bytes | None]) -> None:
+    text = harm(path.read_bytes())
+    if text is None:
+        path.unlink()
+    else:
+        path.write_bytes(text)
+
+
+def contents(root: Path) -> set[str]:
+    """Digests of all frames, wherever they are."""
+    return {hashlib.sha256(path.read_bytes()).hexdigest() for path in root.rglob("*.raw") if "card" not in path.parts}
+
+
+def halfway(bench: Bench, exposures: int = 20) -> None:
+    """Capture until the host is killed in an exposure."""
+    real = bench.camera.expose
+
+    def expose(seconds: float) -> None:
+        if len(bench.camera.fired) == exposures:
+            raise KeyboardInterrupt
+        real(seconds)
+
+    bench.camera.expose = expose  # type: ignore[method-assign]
+    with pytest.raises(KeyboardInterrupt):
+        bench.capture(PLAN)
+    bench.camera.expose = real  # type: ignore[method-assign]
+
+
+@pytest.mark.parametrize("copy", [True, False], ids=["copy", "no copy"])
+@pytest.mark.parametrize("harm", DAMAGES)
+def test_a_damaged_journal_is_refused_and_repaired(
+    taken: dict[str, Path], tmp_path: Path, harm: str, copy: bool
+) -> None:
+    """A whole group: the capture refuses, no frame is lost, and after the repair nothing is to be shot."""
+    bench = copied(taken["whole"], tmp_path / "silk", FRAMES)
+    manifest = bench.capture(PLAN, devices=None)
+    before = contents(bench.root)
+    journal = bench.root / JOURNAL
+    damage(journal, DAMAGES[harm])
+    if not copy:
+        (bench.root / COPY).unlink()
+    with pytest.raises(InputError, match="run `kinran rig repair silk`"):
+        bench.capture(PLAN)
+    assert len(bench.camera.fired) == FRAMES
+    assert contents(bench.root) == before
+    assert len(before) == FRAMES
+
+    harmed = journal.read_bytes()
+    found = repair(bench.root)
+    assert (found.proven, found.frames, found.unproven, found.gone) == (16, FRAMES, {}, [])
+    assert found.changed
+    if harmed:
+        assert (bench.root / found.kept[0]).read_bytes() == harmed
+    again = repair(bench.root)
+    assert (again.proven, again.changed, again.kept) == (16, False, [])
+    assert bench.capture(PLAN) == manifest
+    assert len(bench.camera.fired) == FRAMES
+    check(bench.root, PLAN, bench.capture(PLAN, devices=None))
+    assert verify(bench.root)[1] == []
+
+
+@pytest.mark.parametrize("harm", DAMAGES)
+def test_a_capture_goes_on_after_a_repair(taken: dict[str, Path], tmp_path: Path, harm: str) -> None:
+    """Half a group, and no copy yet: what was recorded is not shot again."""
+    bench = copied(taken["half"], tmp_path / "silk", 20)
+    before = contents(bench.root)
+    assert len(before) == 18
+    damage(bench.root / JOURNAL, DAMAGES[harm])
+    with pytest.raises(InputError, match="run `kinran rig repair silk`"):
+        bench.capture(PLAN)
+    assert len(bench.camera.fired) == 20
+    assert repair(bench.root).proven == 6
+    check(bench.root, PLAN, bench.capture(PLAN))
+    assert contents(bench.root) >= before
+    assert len(bench.camera.fired) <= FRAMES + 2  # the two exposures of the bracket under way
+
+
+def test_the_journal_of_another_fabric(tmp_path: Path) -> None:
+    """Of the same plan, from a rig that did the same: only the bytes of the frames differ."""
+    benches = [Bench(tmp_path / name) for name in ("silk", "wool")]
+    benches[1].camera.fired = ["IMG_00000.raw"]
+    for bench in benches:
+        bench.capture(PLAN)
+    silk, wool = (bench.root for bench in benches)
+    before = contents(silk)
+    for name in (JOURNAL, COPY):
+        shutil.copy(silk / name, silk / f"{name}.mine")
+        shutil.copy(wool / name, silk / name)
+    with pytest.raises(InputError, match="run `kinran rig repair silk`"):
+        benches[0].capture(PLAN)
+    assert contents(silk) == before
+    assert repair(silk).proven == 16
+    assert read(silk / JOURNAL)[0] == [
+        record for record in read(silk / f"{JOURNAL}.mine")[0] if record["t"] != "complete"
+    ]
+    check(silk, PLAN, benches[0].capture(PLAN))
+    assert len(benches[0].camera.fired) == FRAMES
+
+
+def test_a_lost_journal_of_frames_without_sidecars(bench: Bench) -> None:
+    """Nothing proves them: they stay, are listed and shot again, and are nowhere replaced."""
+    halfway(bench)
+    before = contents(bench.root)
+    (bench.root / JOURNAL).unlink()
+    for path in (bench.root / "frames").rglob("*.jsonl"):
+        path.unlink()
+    with pytest.raises(InputError, match="run `kinran rig repair silk`"):
+        bench.capture(PLAN)
+    found = repair(bench.root)
+    assert (found.proven, len(found.unproven)) == (0, 18)
+    assert not repair(bench.root).changed
+    check(bench.root, PLAN, bench.capture(PLAN))
+    assert len(bench.camera.fired) == 20 + FRAMES
+    assert contents(bench.root) >= before
+    assert len(list((bench.root / "quarantine").iterdir())) >= 18
+    assert verify(bench.root)[1] == []
+    bench.capture(PLAN, devices=None)
+
+
+@pytest.mark.parametrize("source", ["copy", "journal"])
+def test_damaged_sidecars_are_written_again(bench: Bench, source: str) -> None:
+    bench.capture(PLAN)
+    sidecars = sorted((bench.root / "frames").rglob("*.jsonl"))
+    assert len(sidecars) == 16
+    texts = [path.read_bytes() for path in sidecars]
+    sidecars[0].write_bytes(texts[0][:-3])
+    sidecars[1].unlink()
+    if source == "copy":
+        (bench.root / JOURNAL).unlink()
+    assert repair(bench.root).written == 2
+    assert [path.read_bytes() for path in sidecars] == texts
+    assert not repair(bench.root).changed
+    bench.capture(PLAN, devices=None)
+
+
+def test_a_flipped_frame_is_shot_again_after_a_repair(bench: Bench) -> None:
+    """Its size is right, so that a capture alone does not see it."""
+    manifest = bench.capture(PLAN)
+    path = bench.root / manifest["shots"][3]["frames"][1]["file"]
+    path.write_bytes(flipped(path.read_bytes(), 7))
+    count, wrong = verify(bench.root)
+    assert count == FRAMES
+    assert wrong == [f"{path}: has other bytes than were recorded"]
+    found = repair(bench.root)
+    assert (found.proven, len(found.unproven)) == (15, 3)
+    assert str(path.relative_to(bench.root)) in found.unproven
+    assert not repair(bench.root).changed
+    check(bench.root, PLAN, bench.capture(PLAN))
+    assert len(bench.camera.fired) == FRAMES + 3
+    assert verify(bench.root)[1] == []
+
+
+def test_replaced_and_quarantined_brackets_stay_void(bench: Bench) -> None:
+    """Without a journal: the folders say which bracket was replaced, and which frames were put aside."""
+    bench.camera.misbehave = ["", "surplus"]
+    bench.capture(PLAN)
+    other = {"device": "fake", "scene": {"texels": 9}}
+    manifest = bench.capture(PLAN, device=other)
+    (bench.root / JOURNAL).unlink()
+    (bench.root / COPY).unlink()
+    found = repair(bench.root)
+    assert (found.proven, found.void, found.unproven) == (16, 16, {})
+    assert not repair(bench.root).changed
+    fired = len(bench.camera.fired)
+    assert bench.capture(PLAN, device=other) == manifest
+    assert len(bench.camera.fired) == fired
+    assert verify(bench.root)[1] == []
+
+
+def test_a_frame_that_is_in_quarantine_is_not_proven(bench: Bench) -> None:
+    """A session was killed after it had found a bracket void, which its sidecar does not say."""
+    bench.capture(PLAN)
+    number, (_, _, frame, *_) = max(read_sidecars(bench.root)[0].items())
+    aside = bench.root / "quarantine" / f"{frame['sha256'][:12]}_IMG_00001.raw"
+    aside.parent.mkdir()
+    shutil.copy(bench.root / frame["file"], aside)
+    (bench.root / JOURNAL).unlink()
+    (bench.root / COPY).unlink()
+    assert repair(bench.root).proven == 15
+    assert read_brackets(read(bench.root / JOURNAL)[0])[number].void
+
+
+def test_only_names_of_frames_count(bench: Bench) -> None:
+    bench.capture(PLAN)
+    (bench.root / "frames" / "00" / "Thumbs.db").write_bytes(b"x")
+    bench.capture(PLAN, devices=None)
+    (bench.root / "frames" / "00" / "t85_p000_e0_r0.raw").write_bytes(b"x")
+    with pytest.raises(InputError, match=r"t85_p000_e0_r0.raw: is there, but journal.jsonl does not know it"):
+        bench.capture(PLAN)
+    assert len(verify(bench.root)[1]) >= 2
+
+
+def test_a_sidecar_records_the_last_bracket_when_the_card_is_gone(bench: Bench) -> None:
+    """Killed before the frame records: the frames are on disk, and need not be on the card."""
+    with pytest.MonkeyPatch.context() as patch:
+
+        def die(self: Journal, *records: Any) -> None:
+            if records[0]["t"] == "frame":
+                raise KeyboardInterrupt
+            append(self, *records)
+
+        append = Journal.append
+        patch.setattr(Journal, "append", die)
+        with pytest.raises(KeyboardInterrupt):
+            bench.capture(PLAN)
+    assert "frame" not in {record["t"] for record in read(bench.root / JOURNAL)[0]}
+    for path in bench.camera.folder.iterdir():
+        path.unlink()
+    check(bench.root, PLAN, bench.capture(PLAN))
+    assert len(bench.camera.fired) == FRAMES
+
+
+@pytest.mark.parametrize("step", ["delete", "complete"])
+def test_recorded_frames_that_are_left_on_the_card_are_fetched_away(bench: Bench, step: str) -> None:
+    """Killed after the last frame record: a later run tidies the card, and only once."""
+    with pytest.MonkeyPatch.context() as patch:
+        append, delete = Journal.append, bench.camera.delete
+
+        def no_complete(self: Journal, *records: Any) -> None:
+            if records[0]["t"] == "complete":
+                raise KeyboardInterrupt
+            append(self, *records)
+
+        def no_delete(name: str) -> None:
+            if len(bench.camera.fired) == FRAMES:
+                raise KeyboardInterrupt
+            delete(name)
+
+        if step == "complete":
+            patch.setattr(Journal, "append", no_complete)
+        else:
+            patch.setattr(bench.camera, "delete", no_delete)
+        with pytest.raises(KeyboardInterrupt):
+            bench.capture(PLAN)
+    assert len(bench.camera.card()) == (3 if step == "delete" else 0)
+    bench.capture(PLAN)
+    assert bench.camera.card() == []
+    assert len(bench.camera.fired) == FRAMES
+    assert read(bench.root / JOURNAL)[0][-1]["t"] == "complete"
+    bench.capture(PLAN, devices=None)
+
+
+@pytest.mark.parametrize("number", [errno.EIO, errno.EROFS])
+def test_a_disk_that_fails_is_one_sentence(bench: Bench, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    real, calls = os.write, []
+
+    def failing(file: int, data: bytes) -> int:
+        calls.append(file)
+        if len(calls) == 6:
+            raise OSError(number, os.strerror(number))
+        return real(file, data)
+
+    monkeypatch.setattr(os, "write", failing)
+    with pytest.raises(InputError, match=f"the disk fails .{os.strerror(number)}.; check it"):
+        bench.capture(PLAN)
+    monkeypatch.undo()
+    check(bench.root, PLAN, bench.capture(PLAN))
+
+
+def test_a_frame_and_a_journal_that_cannot_be_read(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    manifest = bench.capture(PLAN)
+    names = {JOURNAL, Path(manifest["shots"][0]["frames"][0]["file"]).name}
+    real = Path.open
+
+    def failing(self: Path, *args: Any, **other: Any) -> Any:
+        if self.name in names:
+            raise OSError(errno.EIO, os.strerror(errno.EIO), str(self))
+        return real(self, *args, **other)
+
+    names.remove(JOURNAL)
+    monkeypatch.setattr(Path, "open", failing)
+    assert "cannot be read (Input/output error)" in verify(bench.root)[1][0]
+    assert repair(bench.root).proven == 15
+    names.add(JOURNAL)
+    with pytest.raises(InputError, match=r"cannot be read .Input/output error"):
+        bench.capture(PLAN)
+
+
+def test_a_repair_waits_for_no_capture(bench: Bench) -> None:
+    bench.capture(PLAN)
+    with Journal(bench.root / JOURNAL):
+        with pytest.raises(InputError, match="is running"):
+            repair(bench.root)
+        with pytest.raises(InputError, match="is running"):
+            verify(bench.root)
+
+
+def test_a_journal_that_a_repair_replaced_meanwhile_is_not_locked(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.capture(PLAN)
+    path = bench.root / JOURNAL
+    real = os.open
+
+    def slow(name: Any, *args: Any) -> int:
+        file = real(name, *args)
+        if name == path:
+            shutil.copy(path, bench.root / "new")
+            (bench.root / "new").replace(path)
+        return file
+
+    monkeypatch.setattr(os, "open", slow)
+    with pytest.raises(InputError, match="another capture or repair"):
+        lock(path)
+
+
+def test_a_record_of_a_bracket_that_is_not_there(bench: Bench) -> None:
+    path = bench.root / JOURNAL
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(line({"t": "frame", "intent": 0, "k": 0}))
+    with pytest.raises(InputError, match="line 1 names a bracket"):
+        bench.capture(PLAN)
+
+
+def test_command_line(bench: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    (bench.root.parent / "captures").mkdir()
+    root = bench.root.rename(bench.root.parent / "captures" / "silk")
+    bench = Bench(root)
+    manifest = bench.capture(PLAN)
+    monkeypatch.chdir(root.parent.parent)
+    assert main(["rig", "verify"]) == 0
+    assert "silk: 48 files are as they were recorded" in capsys.readouterr().out
+    frame = root / manifest["shots"][0]["frames"][0]["file"]
+    frame.write_bytes(b"rot")
+    assert main(["rig", "verify", "silk"]) == 2
+    said = capsys.readouterr()
+    assert f"{frame.relative_to(root.parent.parent)}: has other bytes" in said.out
+    assert "run `kinran rig repair silk`, then capture its groups again" in said.err
+    assert main(["rig", "repair", "silk"]) == 0
+    said = capsys.readouterr()
+    assert "15 brackets with 45 frames are proven" in said.out
+    assert "is not proven" in said.out
+    assert main(["rig", "repair", "wool"]) == 2
+    assert main(["rig", "repair", "../silk"]) == 2
+    assert DEVICE == {"device": "fake"}
