@@ -143,6 +143,8 @@ def test_the_card_keeps_counting_when_files_are_deleted(tmp_path: Path) -> None:
     ("scene", "message"),
     [
         ({"texel": 8}, "'texel' is not known"),
+        ({"motif": "dragon"}, "motif = 'dragon'; give one of comma, waves, lozenges"),
+        ({"threads": "gold"}, "threads = 'gold'; give one of red, indigo, moss"),
         ({"texels": 0}, "texels = 0"),
         ({"texels": 8}, "at least 16"),
         ({"texels": "8"}, "texels = '8'"),

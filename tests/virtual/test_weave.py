@@ -7,7 +7,7 @@ import pytest
 
 from kinran.base.frames import direction
 from kinran.virtual import targets, yarn
-from kinran.virtual.weave import VirtualFabric, load_scene
+from kinran.virtual.weave import COLOURS, VirtualFabric, _materials, load_scene
 
 N = (0.0, 0.0, 1.0)
 
@@ -29,7 +29,7 @@ def test_the_unit_is_a_white_diffuser_that_faces_the_lamp(monkeypatch: pytest.Mo
     """Path tracer and inverse-square cosine law agree to 0.5 % on a diffuse sheet, at all angles."""
     fabric = VirtualFabric(field_mm=40.0, texels=8, samples=1024, lamp_mm=200.0)
     white = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}}
-    monkeypatch.setattr("kinran.virtual.weave._materials", lambda: dict.fromkeys(yarn.MATERIALS, white))
+    monkeypatch.setattr("kinran.virtual.weave._materials", lambda threads: dict.fromkeys(yarn.MATERIALS, white))
     fabric.__dict__["_scene"] = load_scene(fabric, [flat(22.0, 0, z=0.0)])
     for theta, phi in ((0, 0), (40, 0), (40, 90), (75, 200)):
         light = direction(np.radians(theta), np.radians(phi))
@@ -104,3 +104,23 @@ def test_the_chart_is_upright() -> None:
     top_left, bottom_left = image[-6, 4], image[6, 4]
     np.testing.assert_allclose(top_left, targets.CHART[0], rtol=1e-3)  # dark skin
     np.testing.assert_allclose(bottom_left, targets.CHART[18], rtol=1e-3)  # white
+
+
+def test_fabrics_differ_by_motif_and_threads() -> None:
+    """Each motif floats elsewhere, on 5 to 30 % of the fabric, and has no symmetry; threads change the silk alone."""
+    x, ys = np.arange(0, yarn.REPEAT, 0.05), np.arange(0.0, yarn.REPEAT, 0.05)
+    maps = {}
+    for motif in yarn.MOTIFS:
+        figure = np.zeros((len(ys), len(x)), int)
+        for x0, x1, y, material in yarn._figure(-yarn.REPEAT / 2, yarn.REPEAT / 2, motif):
+            row = round((y + yarn.REPEAT / 2) / 0.05)
+            figure[row - 1 : row + 2, (x + 0.05 > x0 + yarn.REPEAT / 2) & (x < x1 + yarn.REPEAT / 2)] = material
+        assert 0.05 < (figure > 0).mean() < 0.3, motif
+        for turned in (figure[:, ::-1], figure[::-1], figure.T):
+            assert (figure != turned).mean() > 0.05, motif
+        maps[motif] = figure
+    assert all((a != b).mean() > 0.04 for k, a in enumerate(maps.values()) for b in list(maps.values())[:k])
+    silks = [_materials(threads) for threads in COLOURS]
+    assert all(silk["gold"] == silks[0]["gold"] for silk in silks)
+    colours = [tuple(silk["red"]["base_color"]["value"]) for silk in silks]
+    assert [int(np.argmax(colour)) for colour in colours] == [0, 2, 1]

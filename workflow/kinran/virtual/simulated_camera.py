@@ -18,7 +18,8 @@ from kinran.rig.raw_facts import raw_facts
 from kinran.virtual import targets
 from kinran.virtual.dng import APERTURE, ISO, Tags, write_dng
 from kinran.virtual.sensor import BORDER, Sensor, shutter
-from kinran.virtual.weave import VirtualFabric
+from kinran.virtual.weave import COLOURS, VirtualFabric
+from kinran.virtual.yarn import MOTIFS
 
 CACHE = Path(".cache/kinran/virtual")
 """Folder in which traced frames are kept."""
@@ -184,7 +185,12 @@ def _fabric(scene: dict[str, Any]) -> VirtualFabric:
     known = {field.name: field.type for field in fields(VirtualFabric)}
     if unknown := sorted(set(scene) - set(known)):
         raise InputError(f"virtual scene: '{unknown[0]}' is not known; it takes {', '.join(known)}")
+    for name, known_words in (("motif", MOTIFS), ("threads", tuple(COLOURS))):
+        if scene.get(name, known_words[0]) not in known_words:
+            raise InputError(f"virtual scene: {name} = {scene[name]!r}; give one of {', '.join(known_words)}")
     for name, value in scene.items():
+        if name in ("motif", "threads"):
+            continue
         if isinstance(value, bool) or not isinstance(value, int | float) or value < (name != "seed"):
             raise InputError(f"virtual scene: {name} = {value!r}; give a positive number")
     fabric = VirtualFabric(**scene)

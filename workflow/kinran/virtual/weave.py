@@ -17,8 +17,13 @@ from kinran.virtual import yarn
 
 Image = NDArray[np.float32]
 
-COLOURS = {"red": (0.50, 0.030, 0.025), "blue": (0.03, 0.06, 0.35), "white": (0.70, 0.68, 0.60)}
-"""Linear Rec. 709 colours of the silk: made up, for a red ground with threads of other colours (Takeda2008, §2.1)."""
+COLOURS = {
+    "red": {"red": (0.50, 0.030, 0.025), "blue": (0.03, 0.06, 0.35), "white": (0.70, 0.68, 0.60)},
+    "indigo": {"red": (0.020, 0.035, 0.16), "blue": (0.48, 0.16, 0.045), "white": (0.62, 0.62, 0.52)},
+    "moss": {"red": (0.075, 0.13, 0.030), "blue": (0.22, 0.035, 0.17), "white": (0.66, 0.52, 0.20)},
+}
+"""Linear Rec. 709 colours of the silk by the name of the threads. They are made up, for a ground with threads of other
+colours (Takeda2008, §2.1). The materials have the names of the red fabric's colours in all."""
 DEPTH = 6
 """Longest path of light in segments, meant to leave out only light under the noise of the frames. No measurement stands
 behind it."""
@@ -40,6 +45,10 @@ class VirtualFabric:
         Seed of the threads' irregularities.
     lamp_mm, camera_mm
         Distances of the point lamp and of the pinhole from the middle of the field.
+    motif
+        Figure that the floats draw, one of `yarn.MOTIFS`.
+    threads
+        Colours of the silk, one of `COLOURS`.
     """
 
     field_mm: float = 4.8
@@ -48,6 +57,8 @@ class VirtualFabric:
     seed: int = 7
     lamp_mm: float = 600.0
     camera_mm: float = 600.0
+    motif: str = "comma"
+    threads: str = "red"
 
     names = yarn.MATERIALS
     """Names of the labels."""
@@ -124,7 +135,7 @@ class VirtualFabric:
 
     @cached_property
     def _scene(self) -> Any:
-        return load_scene(self, yarn.weave(self.field_mm, self.seed))
+        return load_scene(self, yarn.weave(self.field_mm, self.seed, self.motif))
 
     @cached_property
     def _parameters(self) -> Any:
@@ -138,7 +149,7 @@ def load_scene(fabric: VirtualFabric, surfaces: list[yarn.Surface]) -> Any:
     import mitsuba as mi
 
     mi.set_variant("llvm_ad_rgb")
-    bsdfs = {name: mi.load_dict(material) for name, material in _materials().items()}
+    bsdfs = {name: mi.load_dict(material) for name, material in _materials(fabric.threads).items()}
     half = fabric.field_mm / 2 + yarn.MARGIN
     transform = mi.ScalarTransform4f
     scene: dict[str, Any] = {
@@ -176,7 +187,7 @@ def load_scene(fabric: VirtualFabric, surfaces: list[yarn.Surface]) -> Any:
     return mi.load_dict(scene)
 
 
-def _materials() -> dict[str, dict[str, Any]]:
+def _materials(threads: str) -> dict[str, dict[str, Any]]:
     silk = {
         name: {
             "type": "principled",
@@ -188,7 +199,7 @@ def _materials() -> dict[str, dict[str, Any]]:
             "sheen": 0.3,
             "sheen_tint": 0.5,
         }
-        for name, colour in COLOURS.items()
+        for name, colour in COLOURS[threads].items()
     }
     leaf = {
         "type": "roughconductor",

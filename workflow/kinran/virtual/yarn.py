@@ -35,6 +35,8 @@ BINDING = 5
 """Period of a strip's bindings: it passes under every fifth warp yarn."""
 
 MATERIALS = ("red", "gold", "blue", "white")
+MOTIFS = ("comma", "waves", "lozenges")
+"""Figures that the floats draw."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ class Surface:
         return np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)]).astype(np.uint32)
 
 
-def weave(field_mm: float, seed: int) -> list[Surface]:
+def weave(field_mm: float, seed: int, motif: str = "comma") -> list[Surface]:
     """Return the surfaces of a square of brocade with its margin.
 
     Parameters
@@ -73,6 +75,8 @@ def weave(field_mm: float, seed: int) -> list[Surface]:
         Side of the square that the camera sees.
     seed
         Seed of the irregularities of the yarns and strips.
+    motif
+        Figure of the floats, one of `MOTIFS`.
     """
     rng = np.random.default_rng(seed)
     low, high = -field_mm / 2 - MARGIN, field_mm / 2 + MARGIN
@@ -83,7 +87,7 @@ def weave(field_mm: float, seed: int) -> list[Surface]:
     surfaces = list(strips)
     surfaces += [_warp(j, warps, wefts, strips, low, high, rng) for j in range(len(warps))]
     surfaces += [_weft(i, y, warps, low, high, rng) for i, y in enumerate(wefts)]
-    surfaces += [_float(x0, x1, y, material, rng) for x0, x1, y, material in _figure(low, high)]
+    surfaces += [_float(x0, x1, y, material, rng) for x0, x1, y, material in _figure(low, high, motif)]
     return surfaces
 
 
@@ -191,15 +195,12 @@ def _yarn(
     return Surface(points[:, seam], normals[:, seam], uv, material)
 
 
-def _figure(low: float, high: float) -> Iterator[tuple[float, float, float, int]]:
-    """Yield the floats (x0, x1, y, material) of the figure: a blue comma on the left, a white sail on the right."""
+def _figure(low: float, high: float, motif: str) -> Iterator[tuple[float, float, float, int]]:
+    """Yield the floats (x0, x1, y, material) of the figure."""
     x = np.arange(0, REPEAT, 0.01)
     repeats = range(int(np.floor(low / REPEAT)), int(np.ceil(high / REPEAT)) + 1)
     for y in np.arange(0.15, 1.75, FLOAT_GAUGE):
-        head = (x - 1.05) ** 2 + (y - 0.62) ** 2 < 0.45**2
-        tail = (np.hypot(x - 1.25, y - 0.85) < 0.85) & (np.hypot(x - 1.02, y - 1.22) > 0.72) & (x > 1.05)
-        sail = (x > 2.85 + 0.75 * (y - 0.15)) & (x < 4.25)
-        for inside, material in ((head | tail, 2), (sail, 3)):
+        for inside, material in zip(_row(motif, x, y), (2, 3), strict=True):
             edges = np.flatnonzero(np.diff(inside.astype(int), prepend=0, append=0))
             for start, end in edges.reshape(-1, 2):
                 x0, x1 = start * 0.01, end * 0.01
@@ -209,3 +210,23 @@ def _figure(low: float, high: float) -> Iterator[tuple[float, float, float, int]
                             shift = REPEAT * (np.array([i, j]) - 0.5)
                             if low < x0 + shift[0] and x1 + shift[0] < high and low < y + shift[1] < high:
                                 yield x0 + shift[0], x1 + shift[0], y + shift[1], material
+
+
+def _row(motif: str, x: Array, y: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return where blue and white floats lie in the row at y of a repeat.
+
+    The comma has a sail beside it. The waves are arcs about a point at the lower left, beside a sail, too. The lozenges
+    grow from left to right, and the second one is white.
+    """
+    if motif == "waves":
+        distance = np.hypot(x - 0.9, y)
+        return (distance % 0.9 < 0.42) & (x < 2.9 + 0.6 * y), (x > 3.35 + 0.6 * y) & (x < 4.45)
+    if motif == "lozenges":
+        blue, white = np.zeros(x.shape, bool), np.zeros(x.shape, bool)
+        for centre, half, into in ((0.6, 0.45, blue), (1.7, 0.6, white), (3.3, 0.95, blue)):
+            into |= np.abs(x - centre) / half + np.abs(y - 0.95) / 0.85 < 1
+        return blue, white
+    head = (x - 1.05) ** 2 + (y - 0.62) ** 2 < 0.45**2
+    tail = (np.hypot(x - 1.25, y - 0.85) < 0.85) & (np.hypot(x - 1.02, y - 1.22) > 0.72) & (x > 1.05)
+    sail = (x > 2.85 + 0.75 * (y - 0.15)) & (x < 4.25)
+    return head | tail, sail
