@@ -385,7 +385,7 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     words = ["capture", "--plan", str(tmp_path / "plan.json"), "--group", "00"]
     out = str(tmp_path / "groups" / "00.json")
     assert main([*words, "--device", "hid", out]) == 2
-    assert "no camera back-end is installed" in capsys.readouterr().err
+    assert "no rig (1209:0001) is connected" in capsys.readouterr().err
     assert main([*words, "--device", "virtual", "--revisions", '{"x": 1}', out]) == 2
     assert "revision of 'x'" in capsys.readouterr().err
     assert not (tmp_path / "groups").exists()

@@ -43,6 +43,7 @@ rule capture:
     params:
         device=config["rig"]["device"],
         virtual=virtual_rig,
+        rig=rig_devices(),
         revisions=revisions,
         # code that decides the virtual rig's frames; a camera's do not depend on code
         code=(
@@ -52,4 +53,4 @@ rule capture:
         ),
     shell:
         "python -m kinran capture --plan {input:q} --group {wildcards.group} --device {params.device}"
-        " --virtual {params.virtual:q} --revisions {params.revisions:q} {output:q} 2>&1 | tee {log}"
+        " --virtual {params.virtual:q} --rig {params.rig:q} --revisions {params.revisions:q} {output:q} 2>&1 | tee {log}"

@@ -77,6 +77,13 @@ def virtual_rig(wildcards):
     return json.dumps(settings, sort_keys=True)
 
 
+def rig_devices():
+    """Return the settings of rig and camera as JSON; the virtual ones take none."""
+    known = "camera iso aperture usb serial speeds accelerations homing_s lux dose_limit_lux_h"
+    given = {name: config["rig"][name] for name in known.split() if name in config["rig"]}
+    return json.dumps(given if config["rig"]["device"] == "hid" else {}, sort_keys=True)
+
+
 def methods(wildcards):
     """Return the methods that are judged on a fabric; the first one makes its material."""
     photographs = wildcards.fabric in set_fabrics

@@ -3,6 +3,7 @@
 import errno
 import json
 import logging
+import os
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
@@ -14,12 +15,16 @@ from kinran.base.digest import digest
 from kinran.base.files import InputError, write_json
 from kinran.capture.brackets_taken import Wanted, finished, manifest, missing, setup_digest
 from kinran.capture.journal import JOURNAL, Journal
+from kinran.capture.light_dose import Lighting
+from kinran.capture.live import Live, LiveFile, seen
 from kinran.capture.lost_records import checked_brackets, record_last
-from kinran.capture.session import Session
+from kinran.capture.rig_devices import rig_config, rig_devices
+from kinran.capture.session import UNLIMITED, Session, untold
 from kinran.data.capture_plan import Plan, read_plan
 from kinran.rig.camera import Camera, CameraError
 from kinran.rig.errors import RigError
 from kinran.rig.goniometer import Goniometer
+from kinran.rig.stopping import interruptible
 
 log = logging.getLogger(__name__)
 
@@ -58,6 +63,9 @@ class Options:
     virtual: Annotated[Mapping[str, Any], "--virtual JSON", "virtual fabric as an object", json_object] = field(
         default_factory=dict
     )
+    rig: Annotated[Mapping[str, Any], "--rig JSON", "rig and camera of hid as an object", json_object] = field(
+        default_factory=dict
+    )
     revisions: Annotated[Mapping[str, int], "--revisions JSON", "revisions asked for, by shot", json_object] = field(
         default_factory=dict
     )
@@ -68,17 +76,38 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "manifest of the group"], o
 
     When the code of the virtual rig changes, its frames are shot anew, and the old ones kept.
     """
-    if options.device == "hid":
-        raise InputError("device hid: no camera back-end is installed; use virtual, or ingest photographs")
-    from kinran.virtual.devices import virtual_devices  # it imports the path tracer
+    root, plan, config = inputs.plan.parent, read_plan(inputs.plan), rig_config(options.rig)
+    watched = LiveFile(root, Live(plan.fabric, options.group, os.getpid(), device=options.device, usb=config.usb,
+                               serial=config.serial))  # fmt: skip
 
-    root, scene = inputs.plan.parent, dict(options.virtual)
-    device = {"device": options.device, "scene": scene, "code": digest("kinran.virtual.devices")}
-    devices = partial(virtual_devices, root, scene, options.group)
+    def tell(**changes: Any) -> None:
+        if "frame" in changes:
+            changes["frame"] = seen(root, *changes["frame"])
+        watched.update(**changes)
+
+    device: Mapping[str, Any]
+    devices: Devices
+    if options.device == "hid":
+        device, devices = config.device, partial(rig_devices, config, watched.ask)
+    else:
+        from kinran.virtual.devices import virtual_devices  # it imports the path tracer
+
+        scene = dict(options.virtual)
+        device = {"device": options.device, "scene": scene, "code": digest("kinran.virtual.devices")}
+        devices = partial(virtual_devices, root, scene, options.group)
     try:
-        value = capture(read_plan(inputs.plan), options.group, root, devices, device, options.revisions)
+        with interruptible():
+            value = capture(plan, options.group, root, devices, device, options.revisions, config.lighting, tell)
     except (RigError, CameraError) as error:
+        watched.update(phase=f"stopped: {error}")
         raise InputError(str(error)) from None
+    except InputError as error:
+        watched.update(phase=f"stopped: {error}")
+        raise
+    except KeyboardInterrupt:
+        watched.update(phase="stopped by a signal")
+        raise
+    watched.update(phase="done", left_s=0.0)
     write_json(out, value)
 
 
@@ -89,6 +118,8 @@ def capture(
     devices: Devices,
     device: Mapping[str, Any],
     revisions: Mapping[str, int],
+    lighting: Lighting = UNLIMITED,
+    tell: Callable[..., None] = untold,
 ) -> dict[str, Any]:
     """Shoot the missing shots of a group, and return its manifest.
 
@@ -107,6 +138,10 @@ def capture(
         Description of the devices; frames of another description do not count.
     revisions
         Revision that is asked for, by shot; 0 for the others.
+    lighting
+        Illuminance on the sample, and the limit of its dose.
+    tell
+        Function that hears of changes of the state, as `LiveFile.update`.
 
     Raises
     ------
@@ -129,7 +164,7 @@ def capture(
             log.info("capture %s: %d of %d shots to take", group, len(todo), len(wanted))
             if todo or not finished(journal.records, group):
                 with devices() as (rig, camera):
-                    session = Session(plan, root, journal, rig, camera, str(device["device"]))
+                    session = Session(plan, root, journal, rig, camera, str(device["device"]), lighting, tell)
                     session.run(group, wanted)
                     brackets = session.brackets
                 journal.copy()

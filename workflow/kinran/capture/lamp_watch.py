@@ -117,8 +117,8 @@ class LampWatch:
         self.rig, self.journal = rig, journal
         self.reference = 0
 
-    def prepare(self) -> None:
-        """Light the lamp and wait for it (`warm_up`).
+    def prepare(self, tell: Callable[..., None]) -> None:
+        """Light the lamp and wait for it (`warm_up`); `tell` hears of its state (`kinran.capture.live.Live`).
 
         Raises
         ------
@@ -128,7 +128,13 @@ class LampWatch:
         self.rig.lamp(True)
         now = self.rig.status().uptime_ms / 1000
         readings = [(record["time"], record["photodiode"]) for record in self._recent(now, 2 * WINDOW_S)]
-        warm_up(self.rig, readings, any(record["t"] == "steady" for record in self._recent(now, FRESH_S)))
+        warm_up(
+            self.rig,
+            readings,
+            any(record["t"] == "steady" for record in self._recent(now, FRESH_S)),
+            lambda drift: tell(phase="waits for the lamp", lamp=_in_words(drift)),
+        )
+        tell(lamp="warm and steady")
         self.reference = self.reading()
         self.journal.append(
             {"t": "steady", "boot": self.rig.identity.boot, "time": round(self.rig.state.uptime_ms / 1000, 3),
@@ -169,3 +175,7 @@ class LampWatch:
         boot = self.rig.identity.boot
         read = [record for record in self.journal.records if record["t"] in ("intent", "steady")]
         return [record for record in read if record["boot"] == boot and now - seconds < record["time"] <= now]
+
+
+def _in_words(drift: float | None) -> str:
+    return "warms up" if drift is None else f"drifts by {drift:+.2%} a minute"

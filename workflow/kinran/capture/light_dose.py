@@ -42,6 +42,10 @@ class Dose:
     def __add__(self, other: "Dose") -> "Dose":
         return Dose(self.open_s + other.open_s, self.lux_s + other.lux_s)
 
+    def __str__(self) -> str:
+        shown = f"{self.open_s / 60:.1f} min under the lamp"
+        return f"{shown}, {self.lux_h:.3g} lux hours" if self.lux_s else shown
+
     @property
     def lux_h(self) -> float:
         """Dose in lux hours."""

@@ -7,8 +7,9 @@ frame's own EXIF says to which exposure it belongs.
 
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from kinran.base.files import InputError
 from kinran.capture.brackets_taken import JournalBracket, Wanted, missing, read_brackets
@@ -18,12 +19,13 @@ from kinran.capture.journal import Journal, Record
 from kinran.capture.lamp_watch import LampWatch
 from kinran.capture.light_dose import Dose, Lighting, check_dose, light_dose
 from kinran.capture.sidecar import keep_sidecar
-from kinran.capture.store import DISK, Fetched, check_space, fetch, land, quarantine, remove_parts, set_aside
+from kinran.capture.store import DISK, Fetched, check_space, fetch, land, quarantine, remove_parts, set_aside, tidy_card
+from kinran.capture.way import arms, check_way, in_order
 from kinran.data.capture_plan import Plan
 from kinran.rig.camera import Camera, CameraError, CardFile
 from kinran.rig.errors import RebootedError, RigError
-from kinran.rig.goniometer import ALL_AXES, Goniometer, check_fault, check_path, check_pose
-from kinran.rig.motion import ON_TARGET_MDEG, Pose, mdeg
+from kinran.rig.goniometer import ALL_AXES, Goniometer, check_fault
+from kinran.rig.motion import ON_TARGET_MDEG
 
 RESTARTS = 3
 """Restarts of the rig after which a session goes on: a choice; a rig that restarts more often needs a person."""
@@ -39,6 +41,10 @@ UNLIMITED = Lighting()
 """Light of which nothing is known, and whose dose has no limit."""
 
 log = logging.getLogger(__name__)
+
+
+def untold(**changes: Any) -> None:
+    """Tell nobody."""
 
 
 class Session:
@@ -58,6 +64,8 @@ class Session:
         Name of the device, for the journal.
     lighting
         Illuminance on the sample, and the limit of its dose.
+    tell
+        Function that hears of changes of the state, as `LiveFile.update`.
     """
 
     def __init__(
@@ -69,10 +77,11 @@ class Session:
         camera: Camera,
         device: str,
         lighting: Lighting = UNLIMITED,
+        tell: Callable[..., None] = untold,
     ) -> None:
         self.plan, self.root, self.journal = plan, root, journal
         self.rig, self.camera, self.device = rig, camera, device
-        self.lighting = lighting
+        self.lighting, self.tell = lighting, tell
         self.lamp = LampWatch(rig, journal)
         self.brackets = read_brackets(journal.records)
         self._started = sum(record["t"] == "session" for record in journal.records)
@@ -106,12 +115,14 @@ class Session:
         todo = missing(self.brackets, wanted, self.root)
         if todo:
             check_space(self.root, len(todo) * len(self.plan.exposures_s), self.journal.records)
-            self._check_way(todo)
+            if len(todo) < len(wanted):
+                todo = in_order(self.rig, todo, self.brackets[-1].intent["shot"] if self._kept else "")
+            check_way(self.rig, self.plan, [want.shot for want in todo])
             self._prepare()
-            self._shoot_all(group, todo)
+            self._shoot_all(group, todo, len(wanted))
         self.journal.append({"t": "complete", "group": group, "plan": self.plan.sha256})
 
-    def _shoot_all(self, group: str, todo: list[Wanted]) -> None:
+    def _shoot_all(self, group: str, todo: list[Wanted], total: int) -> None:
         began, restarts, done = time.monotonic(), 0, 0
         while todo:
             try:
@@ -130,11 +141,22 @@ class Session:
                 raise
             todo = todo[1:]
             done += 1
+            left = (time.monotonic() - began) / done * len(todo)
+            dose = light_dose(self.journal.records)
+            self.tell(phase="shoots", done=total - len(todo), total=total, left_s=left, dose=str(dose))
             if done == 1:
                 check_space(self.root, len(todo) * len(self.plan.exposures_s), self.journal.records)
             if done % 8 == 0 or not todo:
-                left = (time.monotonic() - began) / done * len(todo)
+                self._look_at_camera()
                 log.info("capture %s: %d of %d shots, %s left", group, done, done + len(todo), _duration(left))
+
+    def _look_at_camera(self) -> None:
+        """Tell battery and free space of the camera, and warn of a battery that is nearly empty."""
+        health = self.camera.health()
+        free = "" if health.free_bytes is None else f"{health.free_bytes / 1e9:.1f} GB free"
+        self.tell(battery=health.battery, card=free)
+        if health.low:
+            log.warning("capture: the camera's battery is at %s; charge it, or give it a mains adapter", health.battery)
 
     # -- meeting the devices -------------------------------------------------------------------------
 
@@ -150,24 +172,10 @@ class Session:
         self._subject = ""
         self._kept = {}
         self._newest = 0.0
-        self._tidy_card()
+        tidy_card(self.camera, self.journal.records, self.brackets)
         self._settle()
         self._before = set(self.camera.card())
         check_fault(self.rig.state)
-
-    def _tidy_card(self) -> None:
-        """Delete recorded frames on the card: a session was killed before it deleted them."""
-        recorded: dict[str, set[str]] = {}
-        whole = [bracket for bracket in self.brackets if bracket.recorded]  # its records may be torn, too
-        entries = [frame for bracket in whole for frame in bracket.frames.values()]
-        for record in self.journal.records:
-            if record["t"] == "quarantined":
-                entries += record["files"]
-        for entry in entries:
-            recorded.setdefault(entry["name"], set()).add(entry["sha256"])
-        for file in self.camera.card():
-            if file.name in recorded and self.camera.digest(file.name) in recorded[file.name]:
-                self.camera.delete(file.name)
 
     def _settle(self) -> None:
         """Adopt the frames of the bracket that was under way, keep them for its completion, or quarantine them."""
@@ -202,24 +210,7 @@ class Session:
         """Home the rig if it does not know its pose, and wait for a warm and steady lamp."""
         if self.rig.state.homed != ALL_AXES:
             self.rig.home()
-        self.lamp.prepare()
-
-    def _check_way(self, todo: Sequence[Wanted]) -> None:
-        """Check all poses of the plan, and the way through those that are missing, before the lamp is lit.
-
-        Raises
-        ------
-        LimitError
-            A pose is outside the limits, or the arms meet on the way.
-        """
-        for shot in (shot for each in self.plan.groups for shot in each.shots):
-            check_pose(self.rig.identity, (mdeg(shot.theta), mdeg(shot.phi)))
-        homed = self.rig.state.homed == ALL_AXES
-        at: Pose = self.rig.state.position if homed else (0, 0, 0, 0)
-        for want in todo:
-            to: Pose = (mdeg(want.shot.theta), mdeg(want.shot.phi), at[2], at[3])
-            check_path(at, to)
-            at = to
+        self.lamp.prepare(self.tell)
 
     # -- one bracket ---------------------------------------------------------------------------------
 
@@ -298,7 +289,10 @@ class Session:
         if subject != self._subject:
             self.camera.place(subject)
             self._subject = subject
-        pose = self.rig.move(mdeg(want.shot.theta), mdeg(want.shot.phi)).position
+        theta, phi, *camera = arms(want.shot)
+        aside = max(abs(a - b) for a, b in zip(self.rig.state.position[2:], camera, strict=True)) > ON_TARGET_MDEG
+        self.tell(shot=want.shot.shot, pose_deg=(want.shot.theta, want.shot.phi))
+        pose = self.rig.move(theta, phi, (camera[0], camera[1]) if aside else None).position
         photodiode = self.lamp.reading()
         if not self.lamp.steady(want.shot.kind, photodiode):
             self.lamp.wait()
@@ -381,6 +375,7 @@ class Session:
         bracket.frames = {record["k"]: record for record in records}
         times = [facts.taken for frame in frames.values() if (facts := frame.facts)]
         self._newest = max(self._newest, *times)
+        self.tell(frame=(records[0]["file"], records[0]["exposure"]))
         for k in places:
             self.camera.delete(frames[k].source.name)
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from kinran.base.files import InputError, sha256
+from kinran.capture.brackets_taken import JournalBracket
 from kinran.capture.journal import Record, sync_folder
 from kinran.rig.camera import Camera, CameraError, CardFile, FrameFacts
 
@@ -169,6 +170,21 @@ def set_aside(root: Path, files: Sequence[str], folder: Path) -> None:
             source.replace(folder / source.name)
             sync_folder(source.parent)
     sync_folder(folder)
+
+
+def tidy_card(camera: Camera, records: Iterable[Record], brackets: Iterable[JournalBracket]) -> None:
+    """Delete frames on the card that are recorded: a session was killed before it deleted them."""
+    recorded: dict[str, set[str]] = {}
+    whole = [bracket for bracket in brackets if bracket.recorded]  # its records may be torn, too
+    entries = [frame for bracket in whole for frame in bracket.frames.values()]
+    for record in records:
+        if record["t"] == "quarantined":
+            entries += record["files"]
+    for entry in entries:
+        recorded.setdefault(entry["name"], set()).add(entry["sha256"])
+    for file in camera.card():
+        if file.name in recorded and camera.digest(file.name) in recorded[file.name]:
+            camera.delete(file.name)
 
 
 def remove_parts(root: Path) -> None:

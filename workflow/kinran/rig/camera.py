@@ -48,6 +48,12 @@ class Health:
     battery: str = ""
     free_bytes: int | None = None
 
+    @property
+    def low(self) -> bool:
+        """Whether the battery is nearly empty: a quarter or less, or what the camera calls low."""
+        percent = self.battery.removesuffix("%")
+        return int(percent) <= 25 if percent.isdecimal() else "low" in self.battery.lower()
+
 
 class Camera(Protocol):
     """A camera whose frames land on its card first, and outlive the host there.
