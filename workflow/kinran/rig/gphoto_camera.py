@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
+from importlib.util import find_spec
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -288,6 +289,8 @@ class GphotoCamera:
 
     def _start(self) -> None:
         """Start the process, in a session of its own: Ctrl-C must not end it in the middle of an exposure."""
+        if find_spec("gphoto2") is None:
+            raise CameraError("Python's package gphoto2 is not installed; run: pip install 'gphoto2>=2.6.4'")
         self._home = tempfile.TemporaryDirectory(prefix="kinran-camera-")  # libgphoto2 writes settings to HOME
         ours, theirs = socket.socketpair()
         with theirs:
