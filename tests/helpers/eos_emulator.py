@@ -14,7 +14,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from fractions import Fraction
@@ -108,7 +108,7 @@ class Eos:
             return
         if fault == "foreign":
             self._land(self._expose(self.properties[SPEED]))
-        speed = 0x78 if fault == "wrong" else self.properties[SPEED]
+        speed = 0x80 if fault == "wrong" else self.properties[SPEED]
         late = int(fault.split()[1]) if fault.startswith("late") else 0
         handles = self._expose(speed)
         if late:
@@ -354,7 +354,13 @@ class Control:
 
     def __init__(self, camera_port: int, control_port: int) -> None:
         self.port = f"ptpip:127.0.0.1:{camera_port}"
-        self._stream = socket.create_connection(("127.0.0.1", control_port)).makefile("rw")
+        self.control = control_port
+        self._link = socket.create_connection(("127.0.0.1", control_port))
+        self._stream = self._link.makefile("rw")
+
+    def close(self) -> None:
+        self._stream.close()
+        self._link.close()
 
     def tell(self, **changes: Any) -> dict[str, Any]:
         """Change attributes of the camera; return what it has done."""
@@ -371,9 +377,9 @@ def emulator(**first: Any) -> Iterator[Control]:
         try:
             assert process.stdout is not None
             camera, control = map(int, process.stdout.readline().split())
-            link = Control(camera, control)
-            link.tell(**first)
-            yield link
+            with closing(Control(camera, control)) as link:
+                link.tell(**first)
+                yield link
         finally:
             process.kill()
 

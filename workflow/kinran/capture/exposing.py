@@ -14,10 +14,15 @@ OWED_S = 10.0
 1.2 s late (libgphoto2 #151); a choice well above."""
 
 
-def expose(rig: Goniometer, camera: Camera, exposures: Sequence[float], lit: bool) -> float:
-    """Take exposures, under the open shutter if `lit`, and return the seconds for which it was open.
+def expose(rig: Goniometer, camera: Camera, exposures: Sequence[float], lit: bool) -> tuple[list[CardFile], float]:
+    """Take exposures, under the open shutter if `lit`.
 
-    Whose frame is whose is not decided here.
+    Returns
+    -------
+    landed : list of CardFile
+        The frames that are new on the card. Whose frame is whose is not decided here.
+    open_s : float
+        Seconds for which the shutter was open.
 
     Raises
     ------
@@ -27,17 +32,18 @@ def expose(rig: Goniometer, camera: Camera, exposures: Sequence[float], lit: boo
         No frame landed.
     """
     opened = 0
+    before = card = camera.card()
     if lit:
         opened = rig.shutter(True, sum(exposures) + FRAME_LIMIT_S * len(exposures)).uptime_ms
     for seconds in exposures:
-        _expose_once(rig, camera, seconds)
+        card = _expose_once(rig, camera, seconds, card)
         confirm_shutter(rig, lit)
-    return (rig.shutter(False).uptime_ms - opened) / 1000 if lit else 0.0
+    seconds = (rig.shutter(False).uptime_ms - opened) / 1000 if lit else 0.0
+    return [file for file in card if file not in before], seconds
 
 
-def _expose_once(rig: Goniometer, camera: Camera, seconds: float) -> None:
-    """Take one exposure, and try again where no frame lands of it."""
-    seen = set(camera.card())
+def _expose_once(rig: Goniometer, camera: Camera, seconds: float, seen: list[CardFile]) -> list[CardFile]:
+    """Take one exposure, try again where no frame lands of it, and return what is on the card then."""
     problem = "no frame landed on the card"
     for _ in range(TRIES):
         counted = rig.status().exposures
@@ -45,20 +51,21 @@ def _expose_once(rig: Goniometer, camera: Camera, seconds: float) -> None:
             camera.expose(seconds)
         except CameraError as error:
             problem = str(error)
-        if _landed(rig, camera, seen, counted):
-            return
+        card = _landed(rig, camera, seen, counted)
+        if any(file not in seen for file in card):
+            return card
     raise CameraError(
         f"the camera missed an exposure of {seconds:g} s twice ({problem}); check it, then run the capture again"
     )
 
 
-def _landed(rig: Goniometer, camera: Camera, seen: set[CardFile], counted: int) -> bool:
-    """Return whether a new frame is on the card; it is waited for where the rig has counted its exposure."""
-    waited = 0.0
-    while all(file in seen for file in camera.card()):
-        owed = rig.identity.x_sync and rig.status().exposures > counted
-        if not owed or waited >= OWED_S:
-            return False
+def _landed(rig: Goniometer, camera: Camera, seen: list[CardFile], counted: int) -> list[CardFile]:
+    """Return what is on the card; a new frame is waited for where the rig has counted its exposure."""
+    waited, card = 0.0, camera.card()
+    while waited < OWED_S and all(file in seen for file in card):
+        if not rig.identity.x_sync or rig.status().exposures <= counted:
+            break
         rig.wait(1.0)
         waited += 1.0
-    return True
+        card = camera.card()
+    return card

@@ -245,14 +245,13 @@ class Session:
         reason = ""
         for _ in range(TRIES):
             wanted = {k: seconds for k, seconds in enumerate(exposures) if k not in frames}
-            seen = set(self.camera.card())
             try:
-                seconds = expose(self.rig, self.camera, list(wanted.values()), self._subject != "dark")
+                landed, seconds = expose(self.rig, self.camera, list(wanted.values()), self._subject != "dark")
                 self._note_light(bracket, seconds)
             except RigError as error:
                 self._void(bracket, str(error))
                 raise
-            fetched = self._fetch([file for file in self.camera.card() if file not in seen])
+            fetched = self._fetch(landed)
             for each in fetched:
                 if each.facts is None:
                     raise CameraError(

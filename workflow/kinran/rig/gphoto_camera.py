@@ -234,8 +234,9 @@ class GphotoCamera:
                 raise FailedError(f"the camera did not answer for {seconds:.0f} s; switch it off and on")
             said: dict[str, Any] = json.loads(self._link.recv_bytes())
         except (EOFError, OSError):
+            last = self._last_words()
             self._end(reset=True)
-            raise FailedError("libgphoto2 ended by itself; switch the camera off and on") from None
+            raise FailedError(f"libgphoto2 ended by itself{last}; switch the camera off and on") from None
         if "error" in said:
             raise _error(said)
         return said
@@ -293,16 +294,27 @@ class GphotoCamera:
             raise CameraError("Python's package gphoto2 is not installed; run: pip install 'gphoto2>=2.6.4'")
         self._home = tempfile.TemporaryDirectory(prefix="kinran-camera-")  # libgphoto2 writes settings to HOME
         ours, theirs = socket.socketpair()
-        with theirs:
+        with theirs, self._errors.open("wb") as errors:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "kinran.rig.gphoto_worker", str(theirs.fileno())],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
+                stderr=errors,
                 start_new_session=True,
                 env={**os.environ, "HOME": self._home.name},
             )
         self._link = Connection(ours.detach())
+
+    @property
+    def _errors(self) -> Path:
+        """File of what the process says on its standard error, where libgphoto2 also says what is no error."""
+        assert self._home is not None
+        return Path(self._home.name) / "errors"
+
+    def _last_words(self) -> str:
+        lines = self._errors.read_text(errors="replace").splitlines() if self._home is not None else []
+        return f" ({lines[-1].strip()})" if lines else ""
 
     def _end(self, reset: bool = False) -> None:
         """End the process, by its id if need be; with `reset`, reset the camera's USB, too."""
