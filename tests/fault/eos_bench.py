@@ -67,7 +67,7 @@ class EosBench:
     @contextmanager
     def devices(self) -> Iterator[tuple[Goniometer, Camera]]:
         rig = simulated_goniometer(self.firmware)
-        camera = GphotoCamera(self.settings, lands_s=self.wait_s, busy_s=self.wait_s)
+        camera = GphotoCamera(self.settings, lands_s=self.wait_s, busy_s=3 * self.wait_s)
         self.opened.append(camera)
         try:
             yield rig, WiredCamera(camera, self.eos, self.firmware, rig)  # type: ignore[misc]

@@ -21,6 +21,10 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from kinran.virtual.dng import Tags, write_dng
+
 OK, BUSY, NO_OBJECT, UNSUPPORTED = 0x2001, 0x2019, 0x2009, 0x2005
 """Response codes of PTP."""
 STORE, FOLDER = 0x00020001, 0x90000000
@@ -96,6 +100,7 @@ class Eos:
         self._handles = itertools.count(1)
         self._clock = datetime(2026, 1, 1)
         self._folder = Path(tempfile.mkdtemp(prefix="kinran-eos-"))
+        self._frame(0x6D)  # the first one takes its time
         self.readings_done = 0
 
     # -- the camera ----------------------------------------------------------------------------------
@@ -140,10 +145,6 @@ class Eos:
 
     def _frame(self, speed: int) -> bytes:
         """A RAW file that says how, when and of what it was taken."""
-        import numpy as np
-
-        from kinran.virtual.dng import Tags, write_dng
-
         path = self._folder / "frame.dng"
         counts = np.random.default_rng(self.fired).integers(256, 4096, (40, 40)).astype(np.uint16)
         seconds = Fraction(SPEEDS[speed])

@@ -48,6 +48,8 @@ class Worker:
         self._widgets: dict[str, Any] = {}
         self._known: dict[tuple[str, str], tuple[int, int]] = {}
         self._until = 0.0
+        self._port = ""
+        self._whole = b""
 
     def begin(self, seconds: float) -> None:
         """Set the time that a request has, in which a busy camera is asked again."""
@@ -55,6 +57,8 @@ class Worker:
 
     def open(self, port: str) -> dict[str, Any]:
         """Open the camera at a port of libgphoto2, or the only one on USB."""
+        self._port = port
+        self._widgets.clear()
         model = "PTP/IP Camera"
         if port.count(":") == 2:
             port += ":" + port.rpartition(":")[2]  # libgphoto2 takes the port of events by itself, and else its default
@@ -131,10 +135,27 @@ class Worker:
         """Return a part of a file, from the card and not from libgphoto2's memory."""
         path = PurePosixPath(name)
         part = bytearray(size)
-        count = self._patient(
-            lambda: self._camera.file_read(str(path.parent), path.name, gp.GP_FILE_TYPE_NORMAL, offset, part)
-        )
-        return {"bytes": count}, bytes(part[:count])
+        try:
+            count = self._patient(
+                lambda: self._camera.file_read(str(path.parent), path.name, gp.GP_FILE_TYPE_NORMAL, offset, part)
+            )
+            data = bytes(part[:count])
+        except gp.GPhoto2Error as error:
+            if error.code != gp.GP_ERROR_NOT_SUPPORTED:
+                raise
+            if offset == 0:
+                self._whole = self._read_whole(path)
+            data = self._whole[offset : offset + size]
+        return {"bytes": len(data)}, data
+
+    def _read_whole(self, path: PurePosixPath) -> bytes:
+        """Read a file of a camera that sends no parts; it is opened anew, because libgphoto2 keeps what it has read."""
+        self.close()
+        self.open(self._port)
+        file = self._patient(
+            lambda: self._camera.file_get(str(path.parent), path.name, gp.GP_FILE_TYPE_NORMAL)
+        )  # its data lives as long as this name
+        return bytes(memoryview(file.get_data_and_size()))
 
     def delete(self, name: str) -> dict[str, Any]:
         """Delete a RAW file, and the JPEG file that was written with it."""
