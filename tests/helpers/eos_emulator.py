@@ -86,13 +86,12 @@ class Eos:
     hang: int = 0
     quality: str = "raw"
     battery: int = 2
+    mode: int = 3
     number: int = 0
     partial: bool = True
     fired: int = 0
     files: dict[int, Taken] = field(default_factory=dict)
-    properties: dict[int, int] = field(
-        default_factory=lambda: {SPEED: 0x6D, ISO: 0x48, APERTURE: 0x30, MODE: 3, TARGET: 2}
-    )
+    properties: dict[int, int] = field(default_factory=lambda: {SPEED: 0x6D, ISO: 0x48, APERTURE: 0x30, TARGET: 2})
 
     def __post_init__(self) -> None:
         self._events: list[bytes] = []
@@ -229,7 +228,7 @@ class Eos:
         )  # fmt: skip
 
     def _tell_properties(self) -> None:
-        values = {**self.properties, BATTERY: self.battery}
+        values = {**self.properties, BATTERY: self.battery, MODE: self.mode}
         for name, value in values.items():
             self._events.append(struct.pack("<IIII", 16, 0xC189, name, value))
         choices: dict[int, list[int]] = {
