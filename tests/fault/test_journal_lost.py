@@ -17,7 +17,7 @@ from kinran.capture.brackets_taken import read_brackets
 from kinran.capture.journal import COPY, JOURNAL, Journal, line, lock, read, split
 from kinran.capture.repair import repair
 from kinran.capture.sidecar import read_sidecars
-from kinran.capture.verify import verify
+from kinran.capture.bit_rot import verify
 
 PLAN = small_plan()
 FRAMES = 16 * len(EXPOSURES)
@@ -70,6 +70,7 @@ def copied(taken: Path, root: Path, exposures: int) -> Bench:
     shutil.copytree(taken, root)
     bench = Bench(root)
     bench.camera.fired = [f"IMG_{k:05d}.raw" for k in range(1, exposures + 1)]
+    bench.firmware.advance(3600)  # what it takes is newer
     return bench
 
 
@@ -187,7 +188,7 @@ def test_a_lost_journal_of_frames_without_sidecars(bench: Bench) -> None:
     check(bench.root, PLAN, bench.capture(PLAN))
     assert len(bench.camera.fired) == 20 + FRAMES
     assert contents(bench.root) >= before
-    assert len(list((bench.root / "quarantine").iterdir())) >= 18
+    assert len(list((bench.root / "superseded" / "unrecorded").iterdir())) == 18
     assert verify(bench.root)[1] == []
     bench.capture(PLAN, devices=None)
 
@@ -245,7 +246,8 @@ def test_replaced_and_quarantined_brackets_stay_void(bench: Bench) -> None:
 def test_a_frame_that_is_in_quarantine_is_not_proven(bench: Bench) -> None:
     """A session was killed after it had found a bracket void, which its sidecar does not say."""
     bench.capture(PLAN)
-    number, (_, _, frame, *_) = max(read_sidecars(bench.root)[0].items())
+    number, sidecar = max(read_sidecars(bench.root)[0].items())
+    frame = sidecar.frames[0]
     aside = bench.root / "quarantine" / f"{frame['sha256'][:12]}_IMG_00001.raw"
     aside.parent.mkdir()
     shutil.copy(bench.root / frame["file"], aside)
@@ -315,21 +317,47 @@ def test_recorded_frames_that_are_left_on_the_card_are_fetched_away(bench: Bench
     bench.capture(PLAN, devices=None)
 
 
-@pytest.mark.parametrize("number", [errno.EIO, errno.EROFS])
-def test_a_disk_that_fails_is_one_sentence(bench: Bench, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    real, calls = os.write, []
+@pytest.mark.parametrize("call", [1, 6, 20])
+@pytest.mark.parametrize(
+    ("number", "said"), [(errno.EIO, "the disk fails"), (errno.EROFS, "the disk can only be read")]
+)
+def test_a_disk_that_fails_is_one_sentence(
+    bench: Bench, number: int, said: str, call: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a write of the journal, of a frame, or of a copy."""
+    real, calls = os.fsync, []
 
-    def failing(file: int, data: bytes) -> int:
+    def failing(file: int) -> None:
         calls.append(file)
-        if len(calls) == 6:
+        if len(calls) == call:
             raise OSError(number, os.strerror(number))
-        return real(file, data)
+        real(file)
 
-    monkeypatch.setattr(os, "write", failing)
-    with pytest.raises(InputError, match=f"the disk fails .{os.strerror(number)}.; check it"):
+    monkeypatch.setattr(os, "fsync", failing)
+    with pytest.raises(InputError, match=f"silk: {said}.* and run the capture again"):
         bench.capture(PLAN)
     monkeypatch.undo()
     check(bench.root, PLAN, bench.capture(PLAN))
+    assert len(bench.camera.fired) <= FRAMES + len(EXPOSURES)
+
+
+@pytest.mark.parametrize("number", [errno.EIO, errno.EROFS])
+def test_a_copy_that_cannot_be_written_is_one_sentence(
+    bench: Bench, number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The group is shot all the same."""
+
+    def failing(self: Path, *args: Any) -> Path:
+        if self.name == f"{COPY}.part":
+            raise OSError(number, os.strerror(number), str(self))
+        return real(self, *args)
+
+    real = Path.replace
+    monkeypatch.setattr(Path, "replace", failing)
+    with pytest.raises(InputError, match=f"{COPY}.part: the disk .* and run the capture again"):
+        bench.capture(PLAN)
+    monkeypatch.undo()
+    check(bench.root, PLAN, bench.capture(PLAN, devices=None))
 
 
 def test_a_frame_and_a_journal_that_cannot_be_read(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
