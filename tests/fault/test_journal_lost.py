@@ -13,11 +13,11 @@ from capture_bench import DEVICE, EXPOSURES, Bench, check, small_plan
 
 from kinran.__main__ import main
 from kinran.base.files import InputError
+from kinran.capture.bit_rot import verify
 from kinran.capture.brackets_taken import read_brackets
 from kinran.capture.journal import COPY, JOURNAL, Journal, line, lock, read, split
 from kinran.capture.repair import repair
 from kinran.capture.sidecar import read_sidecars
-from kinran.capture.bit_rot import verify
 
 PLAN = small_plan()
 FRAMES = 16 * len(EXPOSURES)
