@@ -107,8 +107,8 @@ def repair(root: Path) -> Outcome:
         before = (root / JOURNAL).read_bytes()
         copied = (root / COPY).read_bytes() if (root / COPY).exists() else b""
         sources = [lines for lines in (sound_lines(copied), sound_lines(before)) if _belongs(lines, digests)]
-        records = _rebuilt(_merged(*sources) if len(sources) == 2 else [*chain(*sources)], sidecars)
-        _judge(root, records, digests, outcome)
+        records, added = _rebuilt(_merged(*sources) if len(sources) == 2 else [*chain(*sources)], sidecars)
+        _judge(root, records, added, digests, outcome)
         after = b"".join(line(record) for record in records)
         outcome.changed = not there or after != before
         if outcome.changed:
@@ -171,8 +171,12 @@ def _merged(copied: list[Record], found: list[Record]) -> list[Record]:
     return merged
 
 
-def _rebuilt(records: list[Record], sidecars: Sidecars) -> list[Record]:
-    """Return the records with those of the sidecars in their places, and marks for what is lost."""
+def _rebuilt(records: list[Record], sidecars: Sidecars) -> tuple[list[Record], set[int]]:
+    """Return the records with those of the sidecars in their places, and marks for what is lost.
+
+    The second value has the brackets whose frames only a sidecar records.
+    """
+    added = set()
     head, blocks = _blocks(records, sidecars)
     void = {record.get("intent") for record in records if record["t"] in ("quarantined", "superseded", "unproven")}
     for number, sidecar in sidecars.items():
@@ -182,6 +186,8 @@ def _rebuilt(records: list[Record], sidecars: Sidecars) -> list[Record]:
             continue
         have = {record["k"]: record["sha256"] for record in block.after if record["t"] == "frame"}
         lacks = any(record not in block.after for record in sidecar.others)
+        if not have:
+            added.add(number)
         if lacks or have != {frame["k"]: frame["sha256"] for frame in sidecar.frames}:
             mine = (*sidecar.others, *sidecar.frames)
             block.after = [*mine, *(r for r in block.after if r["t"] != "frame" and r not in sidecar.others)]
@@ -195,7 +201,7 @@ def _rebuilt(records: list[Record], sidecars: Sidecars) -> list[Record]:
         else:
             rebuilt.append(LOST | {"exposures": longest})
         rebuilt += [each for record in block.after for each in sessions.before(record)]
-    return rebuilt
+    return rebuilt, added
 
 
 class _Sessions:
@@ -254,8 +260,11 @@ def _named(later: Iterable[Record]) -> int | None:
     return None
 
 
-def _judge(root: Path, records: list[Record], digests: Digests, outcome: Outcome) -> None:
-    """Compare each bracket with its frames; append records that void what is not proven, and name what is unknown."""
+def _judge(root: Path, records: list[Record], added: set[int], digests: Digests, outcome: Outcome) -> None:
+    """Compare each bracket with its frames; append records that void what is not proven, and name what is unknown.
+
+    A bracket of `added` is void if a frame of it is in quarantine: its sidecar is older than that.
+    """
     brackets = read_brackets(records)
     aside = {digest for file, digest in digests.items() if file.startswith("quarantine/")}
     owned: set[str] = set()
@@ -268,7 +277,7 @@ def _judge(root: Path, records: list[Record], digests: Digests, outcome: Outcome
         frames = [bracket.frames[k] for k in sorted(bracket.frames)]
         wrong = [frame for frame in frames if digests.get(frame["file"]) != frame["sha256"]]
         moved = {digests.get(f"superseded/{number}/{Path(frame['file']).name}") for frame in frames}
-        if {frame["sha256"] for frame in frames} & aside:
+        if number in added and {frame["sha256"] for frame in frames} & aside:
             records.append({"t": "quarantined", "intent": number, "reason": "found in quarantine", "files": []})
             outcome.void += 1
         elif moved & {frame["sha256"] for frame in frames} or owned.intersection(f["file"] for f in frames):
