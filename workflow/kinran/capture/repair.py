@@ -341,7 +341,7 @@ def _heal_sidecars(
 ) -> None:
     """Write the sidecars that complete brackets lack; give those that no complete bracket has another name."""
     for path in damaged:
-        path.replace(path.with_suffix(".damaged"))
+        outcome.kept.append(path.replace(path.with_suffix(".damaged")).name)
     for number, bracket in enumerate(read_brackets(records)):
         if bracket.complete and number not in sidecars:
             frames = [bracket.frames[k] for k in sorted(bracket.frames)]
