@@ -22,8 +22,8 @@ from kinran.capture.bit_rot import verify
 from kinran.capture.journal import JOURNAL, read
 from kinran.data.capture_plan import Plan, write_plan
 
-REACH = 130
-"""A host is killed before one of so many steps: a bracket has about 40, so that most hosts finish one or two."""
+REACH = 60
+"""A host is killed before one of so many steps: a bracket has about 40, so that the deaths fall on all of them."""
 
 
 @dataclass

@@ -358,6 +358,8 @@ def test_a_copy_that_cannot_be_written_is_one_sentence(
         bench.capture(PLAN)
     monkeypatch.undo()
     check(bench.root, PLAN, bench.capture(PLAN, devices=None))
+    assert (bench.root / COPY).read_bytes() == (bench.root / JOURNAL).read_bytes()
+    assert not list(bench.root.glob("*.part"))
 
 
 def test_a_frame_and_a_journal_that_cannot_be_read(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:

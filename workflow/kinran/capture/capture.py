@@ -164,7 +164,7 @@ def capture(
                     session = Session(plan, root, journal, rig, camera, str(device["device"]), lighting, tell)
                     session.run(group, wanted)
                     brackets = session.brackets
-                journal.copy()
+            journal.copy()
             return manifest(plan, chosen, brackets)
     except OSError as error:
         if error.errno not in DISK:
