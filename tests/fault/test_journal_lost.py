@@ -12,7 +12,7 @@ import pytest
 from capture_bench import DEVICE, EXPOSURES, Bench, check, small_plan
 
 from kinran.__main__ import main
-from kinran.base.files import InputError
+from kinran.base.files import InputError, write_json
 from kinran.capture.bit_rot import verify
 from kinran.capture.brackets_taken import read_brackets
 from kinran.capture.journal import COPY, JOURNAL, Journal, line, lock, read, split
@@ -255,6 +255,57 @@ def test_a_frame_that_is_in_quarantine_is_not_proven(bench: Bench) -> None:
     (bench.root / COPY).unlink()
     assert repair(bench.root).proven == 15
     assert read_brackets(read(bench.root / JOURNAL)[0])[number].void
+
+
+def test_a_line_that_only_the_copy_has(taken: dict[str, Path], tmp_path: Path) -> None:
+    bench = copied(taken["whole"], tmp_path / "silk", FRAMES)
+    journal = bench.root / JOURNAL
+    text = journal.read_bytes()
+    journal.write_bytes(b"".join(split(text)[:-1]))
+    with pytest.raises(InputError, match=r"lacks line \d+ of its copy .*run `kinran rig repair silk`"):
+        bench.capture(PLAN)
+    repair(bench.root)
+    assert journal.read_bytes() == text
+
+
+def test_a_damaged_copy_is_made_anew(taken: dict[str, Path], tmp_path: Path) -> None:
+    """It says nothing of the journal, which is sound."""
+    bench = copied(taken["whole"], tmp_path / "silk", FRAMES)
+    damage(bench.root / COPY, DAMAGES["flipped in the middle"])
+    bench.capture(PLAN, devices=None)
+    assert (bench.root / COPY).read_bytes() == (bench.root / JOURNAL).read_bytes()
+
+
+@pytest.mark.parametrize("journal", [True, False], ids=["journal", "manifest alone"])
+def test_what_verify_finds(taken: dict[str, Path], tmp_path: Path, journal: bool) -> None:
+    """A missing, a cut, a changed and an unknown frame, and a manifest that is older than the journal."""
+    bench = copied(taken["whole"], tmp_path / "silk", FRAMES)
+    manifest = bench.capture(PLAN, devices=None)
+    frames = [bench.root / frame["file"] for shot in manifest["shots"] for frame in shot["frames"]]
+    write_json(bench.root / "groups" / "00.json", manifest)
+    assert verify(bench.root) == (FRAMES, [])
+    if not journal:
+        (bench.root / JOURNAL).unlink()
+        (bench.root / "frames").rename(bench.root / "photographs")
+        text = (bench.root / "groups" / "00.json").read_text().replace('"frames/', '"photographs/')
+        (bench.root / "groups" / "00.json").write_text(text)
+        frames = [bench.root / "photographs" / frame.relative_to(bench.root / "frames") for frame in frames]
+        assert verify(bench.root) == (FRAMES, [])
+    frames[1].unlink()
+    frames[2].write_bytes(frames[2].read_bytes()[:-1])
+    frames[3].write_bytes(flipped(frames[3].read_bytes(), 7))
+    wrong = [f"{frames[1]}: is missing", *(f"{frames[k]}: has other bytes than were recorded" for k in (2, 3))]
+    if journal:
+        stray = frames[0].with_name("notes.txt")
+        stray.write_text("x")
+        wrong.append(f"{stray}: is no frame that the journal or a manifest knows")
+        manifest["shots"][5]["frames"][0]["sha256"] = "0" * 64
+        write_json(bench.root / "groups" / "00.json", manifest)
+        name = manifest["shots"][5]["frames"][0]["file"]
+        wrong.append(f"{bench.root / 'groups/00.json'}: names other bytes of {name} than the journal; make it anew")
+    count, found = verify(bench.root)
+    assert count == FRAMES
+    assert sorted(found) == sorted(wrong)
 
 
 def test_only_names_of_frames_count(bench: Bench) -> None:
