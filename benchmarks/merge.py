@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from benchmarks import merge_accuracy, merge_real
 from benchmarks.merge_accuracy import BLACK, CLIP, RESPONSE, SECONDS, sixteen_bit
 from kinran.base.exr import read_exr, write_rgb
-from kinran.base.files import write_json
+from kinran.base.files import sha256, write_json
 from kinran.bracket.estimator import estimate_rows
 from kinran.bracket.shots import Bracket, Frame, Taken
 from kinran.bracket.superpixels import merge_bracket
@@ -142,6 +142,8 @@ def _job(folder: Path, sites: NDArray[np.uint16], planes: NDArray[np.uint16]) ->
         "kinran_superpixels_cpu_s": merging,
         "decode_cpu_s": decoding["lossless"],
         "decode_uncompressed_cpu_s": decoding["plain"],
+        "digest_cpu_s": cpu(lambda: [sha256(path) for path in files["lossless"]]),
+        "digest_uncompressed_cpu_s": cpu(lambda: [sha256(path) for path in files["plain"]]),
         "merge_over_decode": merging / decoding["lossless"],
         "merge_over_decode_uncompressed": merging / decoding["plain"],
         "radiometry_cpu_s": cpu(lambda: to_radiance(picture, camera, 1.0, 10, 0)),

@@ -61,6 +61,18 @@ def run(folder: Path, encoding: str = "srgb", crop: str = "") -> Stack:
     return make_stack(folder, plan, manifest)
 
 
+def test_a_photograph_that_was_changed_meanwhile(folder: Path) -> None:
+    run(folder)
+    path = next(folder.rglob("*.png"))
+    with Image.open(path) as picture:
+        changed, exif = picture.point([255 - k for k in range(256)] * 3), picture.getexif()
+    changed.save(path, exif=exif)
+    manifest = folder / "captures/set/groups/00.json"
+    said = f"{path.name}: has other bytes .*; put the photograph back, or take it in as it is now: `snakemake --force"
+    with pytest.raises(InputError, match=said):
+        make_stack(folder, folder / "captures/set/plan.json", manifest)
+
+
 def test_brackets_become_radiance_on_one_scale(folder: Path) -> None:
     """All lights to 1 % of one scale at all levels: 1 is white of the longest exposure."""
     stack = run(folder)

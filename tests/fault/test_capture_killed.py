@@ -6,11 +6,21 @@ import sys
 from pathlib import Path
 
 from capture_bench import EXPOSURES, Bench, check, serving, small_plan
+from capture_kills import campaign
 
 from kinran.capture.journal import read
 from kinran.data.capture_plan import write_plan
 
-STEPS = 36
+STEPS = 40
+KILLS = 100
+
+
+def test_killed_a_hundred_times(tmp_path: Path) -> None:
+    """At random steps; `kinran bench rig-kills` does it for longer."""
+    tally = campaign(tmp_path, KILLS, seed=12)
+    assert (tally.lost, tally.reshot, tally.left) == (0, 0, 0)
+    assert tally.kills == KILLS
+    assert tally.adopted >= KILLS // 2
 
 
 def test_killed_at_every_step(tmp_path: Path) -> None:

@@ -12,12 +12,12 @@ import pytest
 from capture_bench import DEVICE, EXPOSURES, Bench, check, small_plan
 
 from kinran.__main__ import main
-from kinran.base.files import InputError
+from kinran.base.files import InputError, write_json
+from kinran.capture.bit_rot import verify
 from kinran.capture.brackets_taken import read_brackets
 from kinran.capture.journal import COPY, JOURNAL, Journal, line, lock, read, split
 from kinran.capture.repair import repair
 from kinran.capture.sidecar import read_sidecars
-from kinran.capture.verify import verify
 
 PLAN = small_plan()
 FRAMES = 16 * len(EXPOSURES)
@@ -70,6 +70,7 @@ def copied(taken: Path, root: Path, exposures: int) -> Bench:
     shutil.copytree(taken, root)
     bench = Bench(root)
     bench.camera.fired = [f"IMG_{k:05d}.raw" for k in range(1, exposures + 1)]
+    bench.firmware.advance(3600)  # what it takes is newer
     return bench
 
 
@@ -187,7 +188,7 @@ def test_a_lost_journal_of_frames_without_sidecars(bench: Bench) -> None:
     check(bench.root, PLAN, bench.capture(PLAN))
     assert len(bench.camera.fired) == 20 + FRAMES
     assert contents(bench.root) >= before
-    assert len(list((bench.root / "quarantine").iterdir())) >= 18
+    assert len(list((bench.root / "superseded" / "unrecorded").iterdir())) == 18
     assert verify(bench.root)[1] == []
     bench.capture(PLAN, devices=None)
 
@@ -245,7 +246,8 @@ def test_replaced_and_quarantined_brackets_stay_void(bench: Bench) -> None:
 def test_a_frame_that_is_in_quarantine_is_not_proven(bench: Bench) -> None:
     """A session was killed after it had found a bracket void, which its sidecar does not say."""
     bench.capture(PLAN)
-    number, (_, _, frame, *_) = max(read_sidecars(bench.root)[0].items())
+    number, sidecar = max(read_sidecars(bench.root)[0].items())
+    frame = sidecar.frames[0]
     aside = bench.root / "quarantine" / f"{frame['sha256'][:12]}_IMG_00001.raw"
     aside.parent.mkdir()
     shutil.copy(bench.root / frame["file"], aside)
@@ -253,6 +255,57 @@ def test_a_frame_that_is_in_quarantine_is_not_proven(bench: Bench) -> None:
     (bench.root / COPY).unlink()
     assert repair(bench.root).proven == 15
     assert read_brackets(read(bench.root / JOURNAL)[0])[number].void
+
+
+def test_a_line_that_only_the_copy_has(taken: dict[str, Path], tmp_path: Path) -> None:
+    bench = copied(taken["whole"], tmp_path / "silk", FRAMES)
+    journal = bench.root / JOURNAL
+    text = journal.read_bytes()
+    journal.write_bytes(b"".join(split(text)[:-1]))
+    with pytest.raises(InputError, match=r"lacks line \d+ of its copy .*run `kinran rig repair silk`"):
+        bench.capture(PLAN)
+    repair(bench.root)
+    assert journal.read_bytes() == text
+
+
+def test_a_damaged_copy_is_made_anew(taken: dict[str, Path], tmp_path: Path) -> None:
+    """It says nothing of the journal, which is sound."""
+    bench = copied(taken["whole"], tmp_path / "silk", FRAMES)
+    damage(bench.root / COPY, DAMAGES["flipped in the middle"])
+    bench.capture(PLAN, devices=None)
+    assert (bench.root / COPY).read_bytes() == (bench.root / JOURNAL).read_bytes()
+
+
+@pytest.mark.parametrize("journal", [True, False], ids=["journal", "manifest alone"])
+def test_what_verify_finds(taken: dict[str, Path], tmp_path: Path, journal: bool) -> None:
+    """A missing, a cut, a changed and an unknown frame, and a manifest that is older than the journal."""
+    bench = copied(taken["whole"], tmp_path / "silk", FRAMES)
+    manifest = bench.capture(PLAN, devices=None)
+    frames = [bench.root / frame["file"] for shot in manifest["shots"] for frame in shot["frames"]]
+    write_json(bench.root / "groups" / "00.json", manifest)
+    assert verify(bench.root) == (FRAMES, [])
+    if not journal:
+        (bench.root / JOURNAL).unlink()
+        (bench.root / "frames").rename(bench.root / "photographs")
+        text = (bench.root / "groups" / "00.json").read_text().replace('"frames/', '"photographs/')
+        (bench.root / "groups" / "00.json").write_text(text)
+        frames = [bench.root / "photographs" / frame.relative_to(bench.root / "frames") for frame in frames]
+        assert verify(bench.root) == (FRAMES, [])
+    frames[1].unlink()
+    frames[2].write_bytes(frames[2].read_bytes()[:-1])
+    frames[3].write_bytes(flipped(frames[3].read_bytes(), 7))
+    wrong = [f"{frames[1]}: is missing", *(f"{frames[k]}: has other bytes than were recorded" for k in (2, 3))]
+    if journal:
+        stray = frames[0].with_name("notes.txt")
+        stray.write_text("x")
+        wrong.append(f"{stray}: is no frame that the journal or a manifest knows")
+        manifest["shots"][5]["frames"][0]["sha256"] = "0" * 64
+        write_json(bench.root / "groups" / "00.json", manifest)
+        name = manifest["shots"][5]["frames"][0]["file"]
+        wrong.append(f"{bench.root / 'groups/00.json'}: names other bytes of {name} than the journal; make it anew")
+    count, found = verify(bench.root)
+    assert count == FRAMES
+    assert sorted(found) == sorted(wrong)
 
 
 def test_only_names_of_frames_count(bench: Bench) -> None:
@@ -315,21 +368,49 @@ def test_recorded_frames_that_are_left_on_the_card_are_fetched_away(bench: Bench
     bench.capture(PLAN, devices=None)
 
 
-@pytest.mark.parametrize("number", [errno.EIO, errno.EROFS])
-def test_a_disk_that_fails_is_one_sentence(bench: Bench, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    real, calls = os.write, []
+@pytest.mark.parametrize("call", [1, 6, 20])
+@pytest.mark.parametrize(
+    ("number", "said"), [(errno.EIO, "the disk fails"), (errno.EROFS, "the disk can only be read")]
+)
+def test_a_disk_that_fails_is_one_sentence(
+    bench: Bench, number: int, said: str, call: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a write of the journal, of a frame, or of a copy."""
+    real, calls = os.fsync, []
 
-    def failing(file: int, data: bytes) -> int:
+    def failing(file: int) -> None:
         calls.append(file)
-        if len(calls) == 6:
+        if len(calls) == call:
             raise OSError(number, os.strerror(number))
-        return real(file, data)
+        real(file)
 
-    monkeypatch.setattr(os, "write", failing)
-    with pytest.raises(InputError, match=f"the disk fails .{os.strerror(number)}.; check it"):
+    monkeypatch.setattr(os, "fsync", failing)
+    with pytest.raises(InputError, match=f"silk: {said}.* and run the capture again"):
         bench.capture(PLAN)
     monkeypatch.undo()
     check(bench.root, PLAN, bench.capture(PLAN))
+    assert len(bench.camera.fired) <= FRAMES + len(EXPOSURES)
+
+
+@pytest.mark.parametrize("number", [errno.EIO, errno.EROFS])
+def test_a_copy_that_cannot_be_written_is_one_sentence(
+    bench: Bench, number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The group is shot all the same."""
+
+    def failing(self: Path, *args: Any) -> Path:
+        if self.name == f"{COPY}.part":
+            raise OSError(number, os.strerror(number), str(self))
+        return real(self, *args)
+
+    real = Path.replace
+    monkeypatch.setattr(Path, "replace", failing)
+    with pytest.raises(InputError, match=f"{COPY}.part: the disk .* and run the capture again"):
+        bench.capture(PLAN)
+    monkeypatch.undo()
+    check(bench.root, PLAN, bench.capture(PLAN, devices=None))
+    assert (bench.root / COPY).read_bytes() == (bench.root / JOURNAL).read_bytes()
+    assert not list(bench.root.glob("*.part"))
 
 
 def test_a_frame_and_a_journal_that_cannot_be_read(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:

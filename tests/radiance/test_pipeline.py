@@ -1,6 +1,8 @@
 """Calibrate, merge and stack against a scene of known radiance, from DNG files to the stack."""
 
+import errno
 import json
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -281,15 +283,42 @@ def edit(manifest: Path, shot: str, change: object) -> None:
 
 def swap_files(entry: dict[str, list[dict[str, str]]]) -> None:
     a, b = entry["frames"][2], entry["frames"][4]
-    a["file"], b["file"] = b["file"], a["file"]
+    for key in ("file", "sha256"):
+        a[key], b[key] = b[key], a[key]
 
 
 def test_a_truncated_frame(broken: Capture) -> None:
     frame = broken.folder / "frames" / "t40_p000_250.dng"
     frame.write_bytes(frame.read_bytes()[:4000])
+    edit(broken.manifest("00"), "t40_p000", lambda entry: [each.pop("sha256") for each in entry["frames"]])
     with pytest.raises(InputError, match=r"t40_p000_250\.dng: cannot be read as RAW"):
         run_merge(broken, "00")
     assert not list((broken.folder / "radiance.zarr").iterdir())  # no half shard, and no scratch
+
+
+@pytest.mark.parametrize("name", ["t40_p000_250", "white_1000", "dark_25"])
+def test_a_flipped_bit_of_a_frame(broken: Capture, name: str) -> None:
+    """It decodes, as another picture: only its digest tells."""
+    frame = broken.folder / "frames" / f"{name}.dng"
+    data = bytearray(frame.read_bytes())
+    data[len(data) * 3 // 4] ^= 8
+    frame.write_bytes(data)
+    read_raw(frame)
+    said = f"{name}.dng: has other bytes than when it was taken .*; run `kinran rig repair {broken.plan.fabric}`"
+    with pytest.raises(InputError, match=said):
+        if name.startswith("t40"):
+            run_merge(broken, "00")
+        else:
+            run_calibrate(broken, broken.folder / "other.json")
+
+
+def test_a_frame_that_cannot_be_read(broken: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    def failing(path: Path) -> str:
+        raise OSError(errno.EIO, os.strerror(errno.EIO), str(path))
+
+    monkeypatch.setattr("kinran.bracket.shots.sha256", failing)
+    with pytest.raises(InputError, match=r"\.dng: cannot be read .Input/output error.; run `kinran rig repair"):
+        run_merge(broken, "00")
 
 
 def test_a_missing_frame(broken: Capture) -> None:

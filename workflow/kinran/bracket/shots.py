@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran.base.encoding import Encoding, parse
-from kinran.base.files import InputError, read_json
+from kinran.base.files import InputError, read_json, sha256
 from kinran.bracket.response_curve import Curve
 from kinran.data.calibration import Calibration
 from kinran.data.capture_plan import Plan
@@ -31,10 +31,24 @@ SAME_KIND = {".jpeg": ".jpg", ".tiff": ".tif"}
 
 @dataclass(frozen=True)
 class Frame:
-    """A file, and its nominal shutter time in seconds; 0 for a single photograph."""
+    """A file of a bracket.
+
+    Attributes
+    ----------
+    path
+        The file.
+    nominal_s
+        Nominal shutter time in seconds; 0 for a single photograph.
+    sha256
+        Digest that its bytes must have; empty where no manifest names one.
+    remedy
+        What to do if it has another.
+    """
 
     path: Path
     nominal_s: float
+    sha256: str = ""
+    remedy: str = ""
 
 
 @dataclass(frozen=True)
@@ -108,7 +122,12 @@ def read_manifest(path: Path, plan: Plan) -> list[Taken]:
                 shot.get("time_s"),
                 shot.get("photodiode") or None,
                 tuple(
-                    Frame(path.parent.parent / frame["file"], float(frame["exposure_s"] or 0))
+                    Frame(
+                        path.parent.parent / frame["file"],
+                        float(frame["exposure_s"] or 0),
+                        frame.get("sha256", ""),
+                        _remedy(path, plan),
+                    )
                     for frame in shot["frames"]
                 ),
             )
@@ -118,14 +137,42 @@ def read_manifest(path: Path, plan: Plan) -> list[Taken]:
         raise InputError(f"{path}: is not a manifest ({error!r}); capture the group again") from None
 
 
+def _remedy(manifest: Path, plan: Plan) -> str:
+    """Return what to do about a frame whose bytes are not those in a manifest."""
+    again = f"`snakemake --force captures/{plan.fabric}/groups/{manifest.name}`"
+    if plan.kind == "grid":
+        return f"run `kinran rig repair {plan.fabric}`, then shoot it again: {again}"
+    return f"put the photograph back, or take it in as it is now: {again}"
+
+
+def check_digest(frame: Frame) -> Path:
+    """Return the path of a frame whose bytes are those that its manifest names.
+
+    Raises
+    ------
+    InputError
+        The file is missing, cannot be read, or has other bytes.
+    """
+    if frame.sha256:
+        try:
+            found = sha256(frame.path)
+        except FileNotFoundError:
+            raise InputError(f"{frame.path}: no such file; {frame.remedy}") from None
+        except OSError as error:
+            raise InputError(f"{frame.path}: cannot be read ({error.strerror}); {frame.remedy}") from None
+        if found != frame.sha256:
+            raise InputError(f"{frame.path}: has other bytes than when it was taken (SHA-256); {frame.remedy}")
+    return frame.path
+
+
 def read_bracket(shot: Taken, decoder: Encoding | Curve | None = None, crop: Crop | None = None) -> Bracket:
     """Read the frames of a shot: RAW, or photographs that `decoder` makes linear.
 
     Raises
     ------
     InputError
-        A frame cannot be read, differs from the others in size, kind, ISO or aperture, or has another shutter time in
-        EXIF than in the manifest, or an exposure stands twice.
+        A frame cannot be read, has other bytes than its manifest says, or differs from the others in size, kind, ISO or
+        aperture; or it has another shutter time in EXIF than in the manifest, or an exposure stands twice.
     """
     ordered = sorted(shot.frames, key=lambda frame: -frame.nominal_s)
     if not ordered:
@@ -139,7 +186,7 @@ def read_bracket(shot: Taken, decoder: Encoding | Curve | None = None, crop: Cro
     frames: list[RawFrame] = []
     planes = np.empty((0,), np.uint16)
     for k, frame in enumerate(ordered):
-        raw = _cut(read_raw(frame.path), crop, frame.path)
+        raw = _cut(read_raw(check_digest(frame)), crop, frame.path)
         if raw.seconds and abs(raw.seconds / frame.nominal_s - 1) > MISLABELLED:
             raise InputError(
                 f"{frame.path}: EXIF says {raw.seconds:g} s, not {frame.nominal_s:g} s; correct it or shoot again"
@@ -193,7 +240,7 @@ def _photographs(shot: Taken, ordered: list[Frame], decoder: Encoding | Curve, c
     """Read a bracket of photographs as counts of linear light, `FULL` for white."""
     planes = np.empty((0,), np.uint16)
     for k, frame in enumerate(ordered):
-        codes = read_codes(frame.path, crop)
+        codes = read_codes(check_digest(frame), crop)
         if k == 0:
             planes = np.empty((len(ordered), 3, *codes.shape[:2]), np.uint16)
         if codes.shape[:2] != planes.shape[2:]:
@@ -287,11 +334,13 @@ def read_light(shot: Taken, calibration: Calibration) -> Radiance:
     Raises
     ------
     InputError
-        The photograph cannot be read, or its size is not that of the first one of the set.
+        The photograph cannot be read, has other bytes than in its manifest, or another size than the first of the set.
     """
     if len(shot.frames) != 1:
         raise InputError(f"shot '{shot.shot}' has {len(shot.frames)} photographs; one is needed")
-    photograph = read_photograph(shot.frames[0].path, parse(calibration.encoding), parse_crop(calibration.crop))
+    photograph = read_photograph(
+        check_digest(shot.frames[0]), parse(calibration.encoding), parse_crop(calibration.crop)
+    )
     height, width = photograph.value.shape[:2]
     if (height, width) != (calibration.height, calibration.width):
         raise InputError(

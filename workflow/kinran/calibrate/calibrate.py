@@ -19,7 +19,7 @@ from kinran.base.encoding import Encoding, parse
 from kinran.base.files import InputError
 from kinran.base.frames import direction
 from kinran.bracket.response_curve import Curve
-from kinran.bracket.shots import FULL, Bracket, Taken, read_bracket, read_manifest, site_black
+from kinran.bracket.shots import FULL, Bracket, Taken, check_digest, read_bracket, read_manifest, site_black
 from kinran.bracket.superpixels import merge_bracket
 from kinran.bracket.uncalibrated import decoder_of, describe
 from kinran.calibrate import colour_chart
@@ -105,7 +105,7 @@ def calibrate_photographs(plan: Plan, shots: Sequence[Taken]) -> Calibration:
     if not shots or not shots[0].frames:
         raise InputError(f"plan of {plan.fabric}: no photograph is listed; ingest the folder again")
     encoding = plan.encoding or ""
-    first = read_photograph(shots[0].frames[0].path, parse(encoding), parse_crop(plan.crop))
+    first = read_photograph(check_digest(shots[0].frames[0]), parse(encoding), parse_crop(plan.crop))
     height, width = first.value.shape[:2]
     return Calibration(
         fabric=plan.fabric,

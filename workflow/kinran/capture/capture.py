@@ -1,6 +1,5 @@
 """Shoot the missing and the repeated shots of a group of the plan, and write the group's manifest."""
 
-import errno
 import json
 import logging
 import os
@@ -20,6 +19,7 @@ from kinran.capture.live import Live, LiveFile, seen
 from kinran.capture.lost_records import checked_brackets, record_last
 from kinran.capture.rig_devices import rig_config, rig_devices
 from kinran.capture.session import UNLIMITED, Session, untold
+from kinran.capture.store import DISK
 from kinran.data.capture_plan import Plan, read_plan
 from kinran.rig.camera import Camera, CameraError
 from kinran.rig.errors import RigError
@@ -27,9 +27,6 @@ from kinran.rig.goniometer import Goniometer
 from kinran.rig.stopping import interruptible
 
 log = logging.getLogger(__name__)
-
-DISK_FAILS = (errno.EIO, errno.EROFS, errno.EACCES, errno.EPERM, errno.ESTALE)
-"""Errors of a disk that fails, or that the system has made read-only."""
 
 Devices = Callable[[], AbstractContextManager[tuple[Goniometer, Camera]]]
 
@@ -167,15 +164,12 @@ def capture(
                     session = Session(plan, root, journal, rig, camera, str(device["device"]), lighting, tell)
                     session.run(group, wanted)
                     brackets = session.brackets
-                journal.copy()
+            journal.copy()
             return manifest(plan, chosen, brackets)
     except OSError as error:
-        if error.errno not in DISK_FAILS:
+        if error.errno not in DISK:
             raise
-        raise InputError(
-            f"{error.filename or root}: the disk fails ({error.strerror}); check it, then run the capture again:"
-            " what it did not record is still on the card"
-        ) from None
+        raise InputError(f"{error.filename or root}: {DISK[error.errno]} and run the capture again") from None
 
 
 def check_revisions(revisions: Mapping[str, int], shots: set[str], group: str) -> None:

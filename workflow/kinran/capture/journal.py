@@ -158,8 +158,10 @@ class Journal:
         self.records.extend(records)
 
     def copy(self) -> None:
-        """Keep a copy of the journal beside it."""
-        write_synced(self.path.with_name(COPY), self.path.read_bytes())
+        """Keep a copy of the journal beside it, unless there is one already."""
+        path, text = self.path.with_name(COPY), self.path.read_bytes()
+        if not path.exists() or path.read_bytes() != text:
+            write_synced(path, text)
 
     def close(self) -> None:
         """Close the journal, so that others can open it."""

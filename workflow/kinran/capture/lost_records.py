@@ -95,8 +95,10 @@ def unknown_files(root: Path, records: list[Record], brackets: list[JournalBrack
         if (at := frame_place(file)) and at not in places and file not in named:
             yield path
     if not brackets or brackets[-1].complete:  # else a session may have been killed before it recorded them
+        taken = {frame["sha256"][:12] for bracket in brackets for frame in bracket.frames.values()}
         for path in sorted((root / "quarantine").glob("*")):
-            if aside_name(path) and path.suffix != ".part" and path.relative_to(root).as_posix() not in named:
+            copy = path.name[:12] in taken  # a session was killed in putting aside what the next one adopted
+            if aside_name(path) and not copy and path.relative_to(root).as_posix() not in named:
                 yield path
     for path in sorted((root / "superseded").glob("*/*")):
         if frame_place(path.name) and path.parent.name.isdigit() and int(path.parent.name) >= len(brackets):

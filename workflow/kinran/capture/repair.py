@@ -10,7 +10,7 @@ import logging
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 
 from kinran.base.files import InputError, sha256
@@ -18,15 +18,25 @@ from kinran.base.log import progress
 from kinran.capture.brackets_taken import frame_place, read_brackets
 from kinran.capture.journal import COPY, JOURNAL, Record, line, lock, parse, split, sync_folder, write_synced
 from kinran.capture.lost_records import aside_name, unknown_files
-from kinran.capture.sidecar import keep_sidecar, read_sidecars
+from kinran.capture.sidecar import Sidecar, keep_sidecar, read_sidecars
 from kinran.capture.store import remove_parts
 from kinran.data.raw import is_raw, read_raw
 
 log = logging.getLogger(__name__)
 
-Sidecars = dict[int, list[Record]]
+Sidecars = dict[int, Sidecar]
 Digests = dict[str, str]
 """SHA-256 of each file, by its path relative to the folder of the capture."""
+
+
+OF_BRACKET = ("frame", "dose")
+"""Records that name the bracket under way; others may name an older one."""
+LOST: Record = {
+    "t": "intent", "lost": True, "session": -1, "group": "", "shot": "", "revision": 0, "setup": "", "exposures": [],
+    "pose": [0, 0, 0, 0], "photodiode": 0, "time": 0.0, "boot": 0, "counter": 0, "card": [], "subject": "fabric",
+}  # fmt: skip
+"""Intent of which no more is known than that it was there; its exposures, for the dose of light, are the longest of the
+capture's brackets."""
 
 
 @dataclass
@@ -97,8 +107,8 @@ def repair(root: Path) -> Outcome:
         before = (root / JOURNAL).read_bytes()
         copied = (root / COPY).read_bytes() if (root / COPY).exists() else b""
         sources = [lines for lines in (sound_lines(copied), sound_lines(before)) if _belongs(lines, digests)]
-        records = _rebuilt(_merged(*sources) if len(sources) == 2 else [*chain(*sources)], sidecars)
-        _judge(root, records, digests, outcome)
+        records, added = _rebuilt(_merged(*sources) if len(sources) == 2 else [*chain(*sources)], sidecars)
+        _judge(root, records, added, digests, outcome)
         after = b"".join(line(record) for record in records)
         outcome.changed = not there or after != before
         if outcome.changed:
@@ -161,28 +171,37 @@ def _merged(copied: list[Record], found: list[Record]) -> list[Record]:
     return merged
 
 
-def _rebuilt(records: list[Record], sidecars: Sidecars) -> list[Record]:
-    """Return the records with those of the sidecars in their places, and marks for what is lost."""
+def _rebuilt(records: list[Record], sidecars: Sidecars) -> tuple[list[Record], set[int]]:
+    """Return the records with those of the sidecars in their places, and marks for what is lost.
+
+    The second value has the brackets whose frames only a sidecar records.
+    """
+    added = set()
     head, blocks = _blocks(records, sidecars)
     void = {record.get("intent") for record in records if record["t"] in ("quarantined", "superseded", "unproven")}
-    for number, (_, intent, *frames) in sidecars.items():
+    for number, sidecar in sidecars.items():
         block = blocks.setdefault(number, _Block())
-        block.intent = intent
+        block.intent = sidecar.intent
         if number in void:
             continue
         have = {record["k"]: record["sha256"] for record in block.after if record["t"] == "frame"}
-        if have != {frame["k"]: frame["sha256"] for frame in frames}:
-            block.after = [*frames, *(record for record in block.after if record["t"] != "frame")]
-    sessions = _Sessions({lines[0]["session"]: lines[0] for lines in sidecars.values()})
+        lacks = any(record not in block.after for record in sidecar.others)
+        if not have:
+            added.add(number)
+        if lacks or have != {frame["k"]: frame["sha256"] for frame in sidecar.frames}:
+            mine = (*sidecar.others, *sidecar.frames)
+            block.after = [*mine, *(r for r in block.after if r["t"] != "frame" and r not in sidecar.others)]
+    sessions = _Sessions({sidecar.session["session"]: sidecar.session for sidecar in sidecars.values()})
+    longest: list[float] = max((b.intent["exposures"] for b in blocks.values() if b.intent), key=sum, default=[])
     rebuilt = [each for record in head for each in sessions.before(record)]
     for number in range(max(blocks, default=-1) + 1):
         block = blocks.get(number, _Block())
         if block.intent:
             rebuilt += sessions.before(block.intent)
         else:
-            rebuilt.append({"t": "lost"})
+            rebuilt.append(LOST | {"exposures": longest})
         rebuilt += [each for record in block.after for each in sessions.before(record)]
-    return rebuilt
+    return rebuilt, added
 
 
 class _Sessions:
@@ -208,13 +227,13 @@ def _blocks(records: list[Record], sidecars: Sidecars) -> tuple[list[Record], di
 
     The number of an intent is that of its sidecar, or the one that the records after it name, or the next.
     """
-    numbers = {line(lines[1]): number for number, lines in sidecars.items()}
+    numbers = {line(sidecar.intent): number for number, sidecar in sidecars.items()}
     head: list[Record] = []
     blocks: dict[int, _Block] = {}
     current = -1
     for place, record in enumerate(records):
-        if record["t"] in ("intent", "lost"):
-            named = numbers.get(line(record), _named(records[place + 1 :]))
+        if record["t"] == "intent":
+            named = numbers.get(line(record), _named(islice(records, place + 1, None)))
             number = current + 1 if named is None else named
             if number in blocks and blocks[number].intent == record:
                 continue  # the same line twice
@@ -222,42 +241,43 @@ def _blocks(records: list[Record], sidecars: Sidecars) -> tuple[list[Record], di
                 number = max(blocks) + 1
             current = number
             block = blocks.setdefault(current, _Block())
-            block.intent = record if record["t"] == "intent" else None
-        elif record["t"] == "frame":
+            block.intent = record
+            continue
+        if record["t"] in OF_BRACKET:
             current = max(current, record["intent"])
-            blocks.setdefault(record["intent"], _Block()).after.append(record)
-        elif current < 0:
-            head.append(record)
-        else:
-            blocks[current].after.append(record)
+        of_block = blocks.setdefault(current, _Block()).after if current >= 0 else head
+        of_block.append(record)
     return head, blocks
 
 
 def _named(later: Iterable[Record]) -> int | None:
-    """Return the number that an intent has in the frames after it; None if there are none before the next intent."""
+    """Return the number that an intent has in the records after it; None if none names it before the next intent."""
     for record in later:
-        if record["t"] in ("intent", "lost"):
+        if record["t"] == "intent":
             return None
-        if record["t"] == "frame":
+        if record["t"] in OF_BRACKET:
             return int(record["intent"])
     return None
 
 
-def _judge(root: Path, records: list[Record], digests: Digests, outcome: Outcome) -> None:
-    """Compare each bracket with its frames; append records that void what is not proven, and name what is unknown."""
+def _judge(root: Path, records: list[Record], added: set[int], digests: Digests, outcome: Outcome) -> None:
+    """Compare each bracket with its frames; append records that void what is not proven, and name what is unknown.
+
+    A bracket of `added` is void if a frame of it is in quarantine: its sidecar is older than that.
+    """
     brackets = read_brackets(records)
     aside = {digest for file, digest in digests.items() if file.startswith("quarantine/")}
     owned: set[str] = set()
     for number in reversed(range(len(brackets))):  # of brackets with the same names the newest has the files
         bracket = brackets[number]
-        outcome.lost += bracket.intent["t"] == "lost"
+        outcome.lost += "lost" in bracket.intent
         if not bracket.complete:
-            outcome.void += bracket.intent["t"] != "lost"
+            outcome.void += "lost" not in bracket.intent
             continue
         frames = [bracket.frames[k] for k in sorted(bracket.frames)]
         wrong = [frame for frame in frames if digests.get(frame["file"]) != frame["sha256"]]
         moved = {digests.get(f"superseded/{number}/{Path(frame['file']).name}") for frame in frames}
-        if {frame["sha256"] for frame in frames} & aside:
+        if number in added and {frame["sha256"] for frame in frames} & aside:
             records.append({"t": "quarantined", "intent": number, "reason": "found in quarantine", "files": []})
             outcome.void += 1
         elif moved & {frame["sha256"] for frame in frames} or owned.intersection(f["file"] for f in frames):
@@ -292,7 +312,7 @@ def _name_unknown(root: Path, records: list[Record], digests: Digests, owned: se
     for file in unknown:
         if file.startswith("superseded/") and (folder := Path(file).parent.name).isdigit():
             lost = int(folder) + 1 - len(read_brackets(records))
-            records += [{"t": "lost"}] * max(lost, 0)
+            records += [LOST] * max(lost, 0)
 
 
 def _said(path: Path) -> str:
@@ -321,7 +341,7 @@ def _heal_sidecars(
 ) -> None:
     """Write the sidecars that complete brackets lack; give those that no complete bracket has another name."""
     for path in damaged:
-        path.replace(path.with_suffix(".damaged"))
+        outcome.kept.append(path.replace(path.with_suffix(".damaged")).name)
     for number, bracket in enumerate(read_brackets(records)):
         if bracket.complete and number not in sidecars:
             frames = [bracket.frames[k] for k in sorted(bracket.frames)]

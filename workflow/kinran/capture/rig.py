@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from kinran.base.files import InputError, check_name
-from kinran.capture import repair, verify
+from kinran.capture import bit_rot, repair
 from kinran.rig.errors import RigError
 from kinran.rig.goniometer import ALL_AXES, Goniometer
 from kinran.rig.hid_goniometer import HidGoniometer
@@ -75,7 +75,7 @@ def main(args: argparse.Namespace) -> None:
         return
     if args.action == "verify":
         names = args.fabrics or sorted(path.name for path in CAPTURES.glob("*") if path.is_dir())
-        verify.verify_all([CAPTURES / check_name(name, "fabric") for name in names])
+        bit_rot.verify_all([CAPTURES / check_name(name, "fabric") for name in names])
         return
     try:
         with interruptible(), open_goniometer(args.device, settings, alone=args.action != "estop") as rig:

@@ -7,7 +7,7 @@ import sys
 from kinran.base.files import InputError
 from kinran.base.project import ROOT
 
-NAMES = ("chart", "choice", "fit", "merge", "mixed", "real", "stability")
+NAMES = ("chart", "choice", "fit", "merge", "mixed", "real", "rig-kills", "stability")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,7 +22,7 @@ def main(args: argparse.Namespace) -> None:
     if not (ROOT / "benchmarks" / "__init__.py").is_file():
         raise InputError(f"{ROOT}: has no benchmarks; work in a clone of the project")
     sys.path.insert(0, str(ROOT))
-    benchmark = importlib.import_module(f"benchmarks.{args.benchmark}")
+    benchmark = importlib.import_module(f"benchmarks.{args.benchmark.replace('-', '_')}")
     parser = argparse.ArgumentParser(prog=f"kinran bench {args.benchmark}", description=benchmark.__doc__)
     benchmark.add_arguments(parser)
     benchmark.main(parser.parse_args(args.rest))

@@ -117,12 +117,12 @@ def _compared(path: Path, digest: str) -> str:
 
 
 def _extra(root: Path, wanted: set[str]) -> Iterator[Path]:
-    """Yield files in the folders of the capture that nothing names."""
+    """Yield files in the folders of the capture that nothing names, and that do not bear their own digest as name."""
     for folder in ("frames", "quarantine", "superseded"):
         for path in sorted((root / folder).rglob("*")):
             known = path.suffix in (".jsonl", ".damaged") or path.relative_to(root).as_posix() in wanted
-            made_room = path.parent.name == UNRECORDED and sha256(path)[:12] == path.name[:12]
-            if path.is_file() and not known and not made_room:
+            named_so = path.parent.name in (UNRECORDED, "quarantine") and path.is_file() and not known
+            if path.is_file() and not known and not (named_so and sha256(path)[:12] == path.name[:12]):
                 yield path
 
 
