@@ -12,20 +12,21 @@ from pathlib import Path
 from typing import Any
 
 from kinran.base.files import InputError
+from kinran.capture.arms import go
 from kinran.capture.brackets_taken import JournalBracket, Wanted, missing, read_brackets
 from kinran.capture.exposing import TRIES, expose
 from kinran.capture.frame_check import own_frames
 from kinran.capture.journal import Journal, Record
 from kinran.capture.lamp_watch import LampWatch
 from kinran.capture.light_dose import Dose, Lighting, check_dose, light_dose
+from kinran.capture.next_shots import check_way, in_order
 from kinran.capture.sidecar import keep_sidecar
 from kinran.capture.store import DISK, Fetched, check_space, fetch, land, quarantine, remove_parts, set_aside, tidy_card
-from kinran.capture.way import arms, check_way, in_order
 from kinran.data.capture_plan import Plan
 from kinran.rig.camera import Camera, CameraError, CardFile
 from kinran.rig.errors import RebootedError, RigError
 from kinran.rig.goniometer import ALL_AXES, Goniometer, check_fault
-from kinran.rig.motion import ON_TARGET_MDEG
+from kinran.rig.motion import ON_TARGET_MDEG, mdeg
 
 RESTARTS = 3
 """Restarts of the rig after which a session goes on: a choice; a rig that restarts more often needs a person."""
@@ -34,7 +35,7 @@ LAMP_SAME = 0.01
 stands behind it."""
 LONG_S = 1.0
 """Exposure time in seconds above which the watchdog of a dead host may close the shutter under an exposure."""
-SUBJECTS = {"light": "fabric", "monitor": "fabric", "dark": "dark", "white": "white", "chart": "chart"}
+SUBJECTS = dict.fromkeys(("light", "monitor", "view"), "fabric") | {"dark": "dark", "white": "white", "chart": "chart"}
 """Subject before the lens for each kind of shot."""
 
 UNLIMITED = Lighting()
@@ -288,10 +289,8 @@ class Session:
         if subject != self._subject:
             self.camera.place(subject)
             self._subject = subject
-        theta, phi, *camera = arms(want.shot)
-        aside = max(abs(a - b) for a, b in zip(self.rig.state.position[2:], camera, strict=True)) > ON_TARGET_MDEG
         self.tell(shot=want.shot.shot, pose_deg=(want.shot.theta, want.shot.phi))
-        pose = self.rig.move(theta, phi, (camera[0], camera[1]) if aside else None).position
+        pose = go(self.rig, want.shot, mdeg(self.plan.backlash))
         photodiode = self.lamp.reading()
         if not self.lamp.steady(want.shot.kind, photodiode):
             self.lamp.wait()

@@ -1,18 +1,13 @@
-"""The way of the arms through the shots of a session: where they stand, in which order, and whether they meet."""
+"""What a session shoots next: missing shots in a quick order, and the arms' way through them."""
 
 from collections.abc import Sequence
 
+from kinran.capture.arms import Pose, pose_of, way
 from kinran.capture.brackets_taken import Wanted
-from kinran.capture.order import pose_of, reorder
+from kinran.capture.order import reorder
 from kinran.data.capture_plan import Plan, Shot
-from kinran.rig.goniometer import ALL_AXES, Goniometer, check_path, check_pose
-from kinran.rig.motion import Pose, mdeg
-
-
-def arms(shot: Shot) -> Pose:
-    """Return the pose of both arms for a shot in millidegrees; the camera stands on N if the shot does not say."""
-    camera = shot.camera or (0.0, 0.0)
-    return mdeg(shot.theta), mdeg(shot.phi), mdeg(camera[0]), mdeg(camera[1])
+from kinran.rig.goniometer import ALL_AXES, Goniometer, check_pose
+from kinran.rig.motion import mdeg
 
 
 def stands(rig: Goniometer) -> Pose:
@@ -29,16 +24,15 @@ def in_order(rig: Goniometer, todo: Sequence[Wanted], half: str) -> list[Wanted]
 
 
 def check_way(rig: Goniometer, plan: Plan, shots: Sequence[Shot]) -> None:
-    """Check all poses of a plan, and the way through the shots that are to be taken.
+    """Check all poses of a plan, and the arms' way through the shots that are to be taken.
 
     Raises
     ------
     LimitError
-        A pose is outside the limits, or the arms meet on the way.
+        A pose is outside the limits, or the arms meet on every way to it.
     """
     for shot in (shot for group in plan.groups for shot in group.shots):
-        check_pose(rig.identity, arms(shot))
+        check_pose(rig.identity, pose_of(shot))
     at = stands(rig)
     for shot in shots:
-        check_path(at, arms(shot))
-        at = arms(shot)
+        at = way(at, shot, rig.identity.axes, mdeg(plan.backlash))[-1]
