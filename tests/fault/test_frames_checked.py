@@ -221,6 +221,34 @@ def test_a_late_frame_whose_own_exposure_is_missed(bench: Bench, monkeypatch: py
     assert aside(bench) == [0]
 
 
+def test_a_late_frame_is_not_adopted_by_the_bracket_after_its_own(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The host dies in the second bracket, on whose card only a late frame of the first has landed."""
+    bench.firmware.capabilities = 0
+    land, expose = bench.camera.land, bench.camera.expose
+    late: list[tuple[str, bytes]] = []
+
+    def landing(name: str, data: bytes) -> None:
+        late.append((name, data)) if len(bench.camera.fired) == 1 else land(name, data)
+
+    def exposing(seconds: float) -> None:
+        if len(bench.camera.fired) == 4:
+            land(*late.pop())
+            raise KeyboardInterrupt
+        expose(seconds)
+        if len(bench.camera.fired) == 1:
+            raise CameraError("no file event in time")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bench.camera, "land", landing)
+        patch.setattr(bench.camera, "expose", exposing)
+        with pytest.raises(KeyboardInterrupt):
+            bench.capture(PLAN)
+    whole(bench, bench.capture(PLAN))
+    assert aside(bench) == [0]
+
+
 def test_a_frame_that_is_a_little_late_is_waited_for(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """The rig has counted its exposure, so that it is not taken twice."""
     land, expose, card = bench.camera.land, bench.camera.expose, bench.camera.card

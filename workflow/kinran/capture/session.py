@@ -190,7 +190,9 @@ class Session:
         same_boot = bracket.intent["boot"] == self.rig.identity.boot
         counted = self._counted(bracket, len(found)) if same_boot else len(found)
         frames = self._fetch(found)
-        own, others = own_frames(dict(enumerate(exposures)), frames, self.camera, self._newest)
+        earlier = [each for each in self.brackets if each.intent["session"] == bracket.intent["session"]]
+        since = max((frame.get("taken", 0.0) for each in earlier for frame in each.frames.values()), default=0.0)
+        own, others = own_frames(dict(enumerate(exposures)), frames, self.camera, since)
         if self.rig.state.fault or max(exposures) > LONG_S:
             self._quarantine(frames, "the shutter may have closed under an exposure")
         elif not others and len(own) == len(exposures) == counted:
@@ -362,17 +364,17 @@ class Session:
         targets = [folder / f"{intent['shot']}_e{k}_r{intent['revision']}{self.camera.suffix}" for k in places]
         landed = land(self.root, [frames[k] for k in places], targets)
         number = len(self.brackets) - 1
+        taken = {k: frame.facts.taken if frame.facts else 0.0 for k, frame in frames.items()}
         records: list[Record] = [
             {"t": "frame", "intent": number, "k": k, "exposure": intent["exposures"][k], "file": file.file,
              "sha256": file.sha256, "bytes": file.bytes, "name": frames[k].source.name, "photodiode": photodiode,
-             "how": how}
+             "how": how, "taken": taken[k]}
             for k, file in zip(places, landed, strict=True)
         ]  # fmt: skip
         keep_sidecar(self.root, number, self.journal.records, intent, records)
         self.journal.append(*records)
         bracket.frames = {record["k"]: record for record in records}
-        times = [facts.taken for frame in frames.values() if (facts := frame.facts)]
-        self._newest = max(self._newest, *times)
+        self._newest = max(self._newest, *taken.values())
         self.tell(frame=(records[0]["file"], records[0]["exposure"]))
         for k in places:
             self.camera.delete(frames[k].source.name)
