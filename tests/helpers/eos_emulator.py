@@ -75,6 +75,10 @@ class Eos:
         ``cut``: half of the file comes. ``flip``: a byte of it changes. ``drop``: the link is cut in its middle.
     busy
         Requests to release that are answered with busy; -1 for all.
+    partial
+        Whether parts of files can be read.
+    shape
+        Rows and columns of a frame.
     hang
         Code of an operation that is never answered, the next time.
     """
@@ -89,6 +93,7 @@ class Eos:
     mode: int = 3
     number: int = 0
     partial: bool = True
+    shape: tuple[int, int] = (40, 40)
     fired: int = 0
     files: dict[int, Taken] = field(default_factory=dict)
     properties: dict[int, int] = field(default_factory=lambda: {SPEED: 0x6D, ISO: 0x48, APERTURE: 0x30, TARGET: 2})
@@ -145,7 +150,7 @@ class Eos:
     def _frame(self, speed: int) -> bytes:
         """A RAW file that says how, when and of what it was taken."""
         path = self._folder / "frame.dng"
-        counts = np.random.default_rng(self.fired).integers(256, 4096, (40, 40)).astype(np.uint16)
+        counts = np.random.default_rng(self.fired).integers(256, 4096, self.shape, np.uint16)
         seconds = Fraction(SPEEDS[speed])
         tags = Tags(
             seconds, 8, 256, 4095, self._clock.strftime("%Y:%m:%d %H:%M:%S"), iso=ISOS[self.properties[ISO]],

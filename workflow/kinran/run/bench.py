@@ -7,7 +7,7 @@ import sys
 from kinran.base.files import InputError
 from kinran.base.project import ROOT
 
-NAMES = ("chart", "choice", "fit", "merge", "mixed", "plan", "real", "rig-kills", "stability")
+NAMES = ("camera", "chart", "choice", "fit", "merge", "mixed", "plan", "real", "rig-kills", "stability")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
