@@ -108,9 +108,9 @@ def host(camera_port: int, control_port: int, arguments: list[str]) -> int:
     firmware = Firmware()
 
     @contextmanager
-    def devices(config: Any, ask: Callable[[str], None]) -> Iterator[tuple[Goniometer, Camera]]:
+    def devices(config: Any, root: Path, ask: Callable[[str], None]) -> Iterator[tuple[Goniometer, Camera]]:
         eos = Control(camera_port, control_port)
-        with open_camera(CameraSettings(config.camera), ask) as camera:
+        with open_camera(CameraSettings(config.camera), lambda subject: None) as camera:
             rig = simulated_goniometer(firmware)
             try:
                 yield rig, WiredCamera(camera, eos, firmware, rig)  # type: ignore[misc]

@@ -151,14 +151,6 @@ def test_without_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
         GphotoCamera(CameraSettings("usb")).card()
 
 
-def test_a_subject_is_asked_for_once() -> None:
-    asked: list[str] = []
-    camera = GphotoCamera(CameraSettings("usb"), asked.append)
-    for subject in ("fabric", "fabric", "dark", "fabric"):
-        camera.place(subject)
-    assert asked == ["fabric", "dark", "fabric"]
-
-
 @pytest.mark.parametrize(("seconds", "name"), [(0.04, "1/25"), (0.3, "0.3"), (1 / 4, "1/4"), (1.0, "1"), (29.9, "30")])
 def test_exposure_times_have_names(seconds: float, name: str) -> None:
     assert nearest(SPEEDS, seconds) == name

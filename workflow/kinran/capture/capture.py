@@ -85,7 +85,7 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "manifest of the group"], o
     device: Mapping[str, Any]
     devices: Devices
     if options.device == "hid":
-        device, devices = config.device, partial(rig_devices, config, watched.ask)
+        device, devices = config.device, partial(rig_devices, config, root, watched.ask)
     else:
         from kinran.virtual.devices import virtual_devices  # it imports the path tracer
 

@@ -3,10 +3,11 @@
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from kinran.base.files import InputError, fitted
+from kinran.base.files import InputError, fitted, read_json, write_json
 from kinran.capture.light_dose import Lighting
 from kinran.rig.camera import Camera
 from kinran.rig.goniometer import Goniometer
@@ -15,12 +16,14 @@ from kinran.rig.opening import RigSettings, open_goniometer
 from kinran.rig.transport import TransportError
 
 ASKED = {
-    "fabric": "Put the fabric under the lens, in its place",
+    "fabric": "Put the fabric {fabric} under the lens, in its place",
     "white": "Put the white plate on the fabric's place",
     "chart": "Put the colour chart on the fabric's place",
     "dark": "Put the cap on the lens",
 }
 """What a person is asked for before the shots of each subject."""
+ON_THE_RIG = Path(".cache/kinran/on-the-rig.json")
+"""File that says what lies under the lens, for the captures of all fabrics of a project."""
 
 
 @dataclass(frozen=True)
@@ -67,13 +70,15 @@ def rig_config(value: Mapping[str, Any]) -> RigConfig:
 
 
 @contextmanager
-def rig_devices(config: RigConfig, ask: Callable[[str], None]) -> Iterator[tuple[Goniometer, Camera]]:
+def rig_devices(config: RigConfig, root: Path, ask: Callable[[str], None]) -> Iterator[tuple[Goniometer, Camera]]:
     """Open the rig on USB and its camera; the rig is closed first, so that the shutter closes at once.
 
     Parameters
     ----------
     config
         What the config says of them.
+    root
+        Folder of the capture.
     ask
         Function that asks a person to do something, and returns when it is done.
 
@@ -85,7 +90,20 @@ def rig_devices(config: RigConfig, ask: Callable[[str], None]) -> Iterator[tuple
     camera = CameraSettings(config.camera, config.iso or 0.0, config.aperture or 0.0)
     rig = RigSettings(config.usb, config.serial, config.speeds, config.accelerations, config.homing_s)
     try:
-        with open_camera(camera, lambda subject: ask(ASKED[subject])) as taken, open_goniometer("hid", rig) as opened:
+        with open_camera(camera, partial(put, root, ask)) as taken, open_goniometer("hid", rig) as opened:
             yield opened, taken
     except TransportError as error:
         raise InputError(str(error)) from None
+
+
+def put(root: Path, ask: Callable[[str], None], subject: str) -> None:
+    """Ask a person for a subject of a capture, unless it is what was put under the lens last.
+
+    So each group of a fabric begins without a question, and another fabric does not.
+    """
+    wanted = {"capture": str(root.resolve()), "subject": subject}
+    if ON_THE_RIG.exists() and read_json(ON_THE_RIG) == wanted:
+        return
+    ON_THE_RIG.unlink(missing_ok=True)  # while it is changed, nobody knows
+    ask(ASKED[subject].format(fabric=root.name))
+    write_json(ON_THE_RIG, wanted)

@@ -153,7 +153,10 @@ class Session:
 
     def _look_at_camera(self) -> None:
         """Tell battery and free space of the camera, and warn of a battery that is nearly empty."""
-        health = self.camera.health()
+        try:
+            health = self.camera.health()
+        except CameraError:
+            return  # the next exposure meets what is wrong with the camera
         free = "" if health.free_bytes is None else f"{health.free_bytes / 1e9:.1f} GB free"
         self.tell(battery=health.battery, card=free)
         if health.low:

@@ -33,6 +33,8 @@ CHUNK = 4 << 20
 REQUEST_S = 20.0
 """Deadline of a request in seconds: opening a camera takes up to 5 s, the others under 1 s (research with an emulated
 EOS, and users' reports of libgphoto2 calls that take 1.2 s)."""
+LIST_S = 120.0
+"""Deadline of a listing in seconds: size and time of each file on the card are asked for once, thousands at 10 ms."""
 BUSY_S = 8.0
 """Seconds for which a busy camera is asked again before it is reset: an EOS writes a frame to a slow card in 3 s."""
 LANDS_S = 10.0
@@ -70,6 +72,10 @@ class CameraSettings:
 
 class FailedError(CameraError):
     """A request that failed in a way that opening the camera anew may mend."""
+
+
+class BusyError(FailedError):
+    """The camera stays busy."""
 
 
 class GphotoCamera:
@@ -115,15 +121,12 @@ class GphotoCamera:
         self._home: tempfile.TemporaryDirectory[str] | None = None
         self._port = ""
         self._speeds: list[str] = []
-        self._subject = ""
 
     # -- what a capture asks of a camera -------------------------------------------------------------
 
     def place(self, subject: str) -> None:
         """Ask a person for a subject; see `Camera.place`."""
-        if subject != self._subject:
-            self._ask(subject)
-            self._subject = subject
+        self._ask(subject)
 
     def expose(self, seconds: float) -> None:
         """Take one frame; see `Camera.expose`."""
@@ -132,8 +135,8 @@ class GphotoCamera:
         try:
             self._set("shutterspeed", speed)
             self._request("shoot", seconds + self._lands_s + self._busy_s + REQUEST_S, wait=seconds + self._lands_s)
-        except FailedError:
-            self._end()  # the next request opens the camera anew, and so lists its card anew
+        except FailedError as error:
+            self._end(reset=isinstance(error, BusyError))  # the next request opens the camera, and lists its card anew
             raise
 
     def card(self) -> list[CardFile]:
@@ -185,12 +188,12 @@ class GphotoCamera:
         """Read a file in parts; each is asked for again once where the link fails."""
         offset = 0
         while True:
-            self._again("read", name=name, offset=offset, size=CHUNK)
+            size = self._again("read", name=name, offset=offset, size=CHUNK)["of"]
             assert self._link is not None
             part = self._link.recv_bytes()
             yield part
             offset += len(part)
-            if len(part) < CHUNK:
+            if len(part) < CHUNK or offset >= size:
                 return
 
     def _set(self, name: str, value: str) -> None:
@@ -207,13 +210,14 @@ class GphotoCamera:
 
     def _again(self, do: str, **given: Any) -> dict[str, Any]:
         """Ask for something that may be asked twice, the second time with libgphoto2 started anew."""
+        seconds = self._busy_s + (LIST_S if do == "frames" else REQUEST_S)
         try:
             self._ready()
-            return self._request(do, REQUEST_S + self._busy_s, **given)
+            return self._request(do, seconds, **given)
         except FailedError:
             self._end()
         self._ready()
-        return self._request(do, REQUEST_S + self._busy_s, **given)
+        return self._request(do, seconds, **given)
 
     def _request(self, do: str, seconds: float, **given: Any) -> dict[str, Any]:
         """Ask the process, which has some seconds to answer.
@@ -281,6 +285,8 @@ class GphotoCamera:
                 raise CameraError(f"rig.{name}: {wanted:g} is not among those of this camera and lens ({known})")
             self._set(name, fitting[0])
             return wanted
+        if name == "iso" and "auto" in (said["value"] or "").lower():
+            raise CameraError("the camera chooses the ISO of each frame; set one on it, or as rig.iso in the config")
         return number(said["value"] or "") or 0.0
 
     def _get(self, name: str) -> dict[str, Any]:
@@ -388,7 +394,7 @@ def _error(said: dict[str, Any]) -> CameraError:
     """Return the error of an answer of the process."""
     match said["error"]:
         case "busy":
-            return FailedError("the camera stays busy; switch it off and on, then run the capture again")
+            return BusyError("the camera stays busy; switch it off and on, then run the capture again")
         case "no file":
             return FailedError("the camera wrote no file in time; look whether it focuses, or its card is full")
         case "no raw":

@@ -146,7 +146,7 @@ class Worker:
             if offset == 0:
                 self._whole = self._read_whole(path)
             data = self._whole[offset : offset + size]
-        return {"bytes": len(data)}, data
+        return {"bytes": len(data), "of": self._info(str(path.parent), path.name)[0]}, data
 
     def _read_whole(self, path: PurePosixPath) -> bytes:
         """Read a file of a camera that sends no parts; it is opened anew, because libgphoto2 keeps what it has read."""
