@@ -86,7 +86,9 @@ def virtual_rig(wildcards):
 def rig_devices():
     """Return the settings of rig and camera as JSON; the virtual ones take none."""
     known = "camera iso aperture usb serial speeds accelerations homing_s lux dose_limit_lux_h"
-    given = {name: config["rig"][name] for name in known.split() if name in config["rig"]}
+    given = {
+        name: config["rig"][name] for name in known.split() if name in config["rig"]
+    }
     return json.dumps(given if config["rig"]["device"] == "hid" else {}, sort_keys=True)
 
 
