@@ -432,6 +432,26 @@ def test_a_frame_and_a_journal_that_cannot_be_read(bench: Bench, monkeypatch: py
         bench.capture(PLAN)
 
 
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO])
+def test_a_disk_that_fails_in_a_repair(
+    taken: dict[str, Path], tmp_path: Path, number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The damaged journal is there until the new one is whole."""
+    root = copied(taken["whole"], tmp_path / "silk", FRAMES).root
+    damage(root / JOURNAL, DAMAGES["flipped in the middle"])
+    harmed = (root / JOURNAL).read_bytes()
+
+    def failing(file: int) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, "fsync", failing)
+    with pytest.raises(InputError, match="silk: the disk .* and run the repair again"):
+        repair(root)
+    monkeypatch.undo()
+    assert (root / JOURNAL).read_bytes() == harmed
+    assert repair(root).proven == 16
+
+
 def test_a_repair_waits_for_no_capture(bench: Bench) -> None:
     bench.capture(PLAN)
     with Journal(bench.root / JOURNAL):
