@@ -5,6 +5,7 @@ to the camera, half a write to the journal, a sync, or a rename.
 """
 
 import argparse
+import importlib
 import resource
 import sys
 import tempfile
@@ -26,8 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> None:
     """Kill, print the table, write the JSON."""
-    from capture_kills import campaign
-
+    campaign = importlib.import_module("capture_kills").campaign
     with tempfile.TemporaryDirectory(prefix="kinran-kills-") as folder:
         tally = campaign(Path(folder), args.kills, args.seed)
     spent = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from kinran.__main__ import ALL, COMMANDS, STAGES, main, parser_of
-from kinran.run.bench import NAMES
+from kinran.run.bench import NAMES, load
 
 
 def parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
@@ -37,7 +37,7 @@ def test_no_two_options_share_a_help_text(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_no_two_options_of_a_benchmark_do(name: str) -> None:
     parser = argparse.ArgumentParser(prog=name)
-    importlib.import_module(f"benchmarks.{name}").add_arguments(parser)
+    load(name).add_arguments(parser)
     check(parser)
 
 

@@ -16,7 +16,8 @@ from kinran.base.files import InputError, write_json
 from kinran.capture.bit_rot import verify
 from kinran.capture.brackets_taken import read_brackets
 from kinran.capture.journal import COPY, JOURNAL, Journal, line, lock, read, split
-from kinran.capture.repair import repair
+from kinran.capture.light_dose import light_dose
+from kinran.capture.repair import repair, sound_lines
 from kinran.capture.sidecar import read_sidecars
 
 PLAN = small_plan()
@@ -243,6 +244,38 @@ def test_replaced_and_quarantined_brackets_stay_void(bench: Bench) -> None:
     assert verify(bench.root)[1] == []
 
 
+def test_frames_that_were_set_aside_make_their_bracket_void(taken: dict[str, Path], tmp_path: Path) -> None:
+    root = copied(taken["whole"], tmp_path / "silk", FRAMES).root
+    sidecar = read_sidecars(root)[0][0]
+    (root / "superseded" / "0").mkdir(parents=True)
+    for frame in sidecar.frames:
+        (root / frame["file"]).rename(root / "superseded" / "0" / Path(frame["file"]).name)
+    (root / JOURNAL).unlink()
+    (root / COPY).unlink()
+    found = repair(root)
+    assert (found.proven, found.void, found.gone) == (15, 1, [])
+    assert read(root / JOURNAL)[0][-1]["t"] == "superseded"
+
+
+def test_the_light_of_a_sample_is_not_forgotten(taken: dict[str, Path], tmp_path: Path) -> None:
+    root = copied(taken["whole"], tmp_path / "silk", FRAMES).root
+    before = light_dose(read(root / JOURNAL)[0])
+    assert before.open_s > 0
+    (root / JOURNAL).unlink()
+    (root / COPY).unlink()
+    repair(root)
+    assert light_dose(read(root / JOURNAL)[0]) == before
+
+
+@pytest.mark.parametrize("harm", ["CRLF", "UTF-16", "UTF-16 without mark, CRLF", "UTF-8 with mark"])
+def test_a_converted_journal_is_read(taken: dict[str, Path], harm: str) -> None:
+    """All of it, without help from a copy or from sidecars."""
+    text = (taken["whole"] / JOURNAL).read_bytes()
+    converted = DAMAGES[harm](text)
+    assert converted is not None
+    assert b"".join(line(record) for record in sound_lines(converted)) == text
+
+
 def test_a_frame_that_is_in_quarantine_is_not_proven(bench: Bench) -> None:
     """A session was killed after it had found a bracket void, which its sidecar does not say."""
     bench.capture(PLAN)
@@ -430,6 +463,26 @@ def test_a_frame_and_a_journal_that_cannot_be_read(bench: Bench, monkeypatch: py
     names.add(JOURNAL)
     with pytest.raises(InputError, match=r"cannot be read .Input/output error"):
         bench.capture(PLAN)
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO])
+def test_a_disk_that_fails_in_a_repair(
+    taken: dict[str, Path], tmp_path: Path, number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The damaged journal is there until the new one is whole."""
+    root = copied(taken["whole"], tmp_path / "silk", FRAMES).root
+    damage(root / JOURNAL, DAMAGES["flipped in the middle"])
+    harmed = (root / JOURNAL).read_bytes()
+
+    def failing(file: int) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, "fsync", failing)
+    with pytest.raises(InputError, match=r"silk: the disk .* and run the repair again"):
+        repair(root)
+    monkeypatch.undo()
+    assert (root / JOURNAL).read_bytes() == harmed
+    assert repair(root).proven == 16
 
 
 def test_a_repair_waits_for_no_capture(bench: Bench) -> None:

@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -305,11 +306,9 @@ def test_a_flipped_bit_of_a_frame(broken: Capture, name: str) -> None:
     frame.write_bytes(data)
     read_raw(frame)
     said = f"{name}.dng: has other bytes than when it was taken .*; run `kinran rig repair {broken.plan.fabric}`"
+    run = partial(run_merge, broken, "00") if name == "t40_p000_250" else partial(run_calibrate, broken, Path("c.json"))
     with pytest.raises(InputError, match=said):
-        if name.startswith("t40"):
-            run_merge(broken, "00")
-        else:
-            run_calibrate(broken, broken.folder / "other.json")
+        run()
 
 
 def test_a_frame_that_cannot_be_read(broken: Capture, monkeypatch: pytest.MonkeyPatch) -> None:

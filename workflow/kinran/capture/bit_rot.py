@@ -142,7 +142,7 @@ def verify_all(roots: Sequence[Path]) -> None:
         for said in wrong:
             print(said)
         if wrong:
-            bad.append(f"{root.name} has {len(wrong)} faults among {count} files: {remedies(root)}")
+            bad.append(f"{root.name} has faults (files: {count}, faults: {len(wrong)}): {remedies(root)}")
         else:
             print(f"{root.name}: {count} files are as they were recorded")
     if bad:

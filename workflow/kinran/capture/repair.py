@@ -19,7 +19,7 @@ from kinran.capture.brackets_taken import frame_place, read_brackets
 from kinran.capture.journal import COPY, JOURNAL, Record, line, lock, parse, split, sync_folder, write_synced
 from kinran.capture.lost_records import aside_name, unknown_files
 from kinran.capture.sidecar import Sidecar, keep_sidecar, read_sidecars
-from kinran.capture.store import remove_parts
+from kinran.capture.store import DISK, remove_parts
 from kinran.data.raw import is_raw, read_raw
 
 log = logging.getLogger(__name__)
@@ -93,7 +93,7 @@ def repair(root: Path) -> Outcome:
     Raises
     ------
     InputError
-        There is no such capture, a capture of it is running, or its folder cannot be written to.
+        There is no such capture, a capture of it is running, or its disk is full, fails or cannot be written to.
     """
     if not (root / "frames").is_dir() and not (root / JOURNAL).exists():
         raise InputError(f"{root}: has neither frames nor a journal; give the name of a fabric under captures/")
@@ -121,6 +121,10 @@ def repair(root: Path) -> Outcome:
             write_synced(root / COPY, after)
         _heal_sidecars(root, records, sidecars, damaged, outcome)
         return outcome
+    except OSError as error:
+        if error.errno not in DISK:
+            raise
+        raise InputError(f"{root}: {DISK[error.errno]} and run the repair again; nothing was deleted") from None
     finally:
         os.close(held)
 

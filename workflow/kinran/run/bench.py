@@ -3,6 +3,7 @@
 import argparse
 import importlib
 import sys
+from types import ModuleType
 
 from kinran.base.files import InputError
 from kinran.base.project import ROOT
@@ -22,7 +23,12 @@ def main(args: argparse.Namespace) -> None:
     if not (ROOT / "benchmarks" / "__init__.py").is_file():
         raise InputError(f"{ROOT}: has no benchmarks; work in a clone of the project")
     sys.path.insert(0, str(ROOT))
-    benchmark = importlib.import_module(f"benchmarks.{args.benchmark.replace('-', '_')}")
+    benchmark = load(args.benchmark)
     parser = argparse.ArgumentParser(prog=f"kinran bench {args.benchmark}", description=benchmark.__doc__)
     benchmark.add_arguments(parser)
     benchmark.main(parser.parse_args(args.rest))
+
+
+def load(name: str) -> ModuleType:
+    """Return the module of a benchmark."""
+    return importlib.import_module(f"benchmarks.{name.replace('-', '_')}")
