@@ -14,7 +14,7 @@ from capture_bench import EXPOSURES, Bench, check, small_plan
 from kinran.base.files import InputError
 from kinran.capture.journal import read
 from kinran.capture.light_dose import Lighting, light_dose
-from kinran.rig.camera import CameraError
+from kinran.rig.camera import CameraError, Health
 from kinran.rig.errors import LimitError
 from kinran.rig.goniometer import Goniometer
 
@@ -385,3 +385,33 @@ def test_a_resume_goes_the_quick_way(bench: Bench) -> None:
     bench.firmware._end = bench.firmware._start
     bench.capture(PLAN, revisions=dict.fromkeys(missing, 1))
     assert [record["shot"] for record in records(bench, "intent")][-3:] == missing[::-1]
+
+
+def test_a_watcher_is_told(bench: Bench) -> None:
+    """Lamp, progress, dose, camera and the last frame, as the live view shows them."""
+    told: dict[str, list[Any]] = {}
+
+    def tell(**changes: Any) -> None:
+        for name, value in changes.items():
+            told.setdefault(name, []).append(value)
+
+    bench.capture(PLAN, tell=tell, lighting=Lighting(lux=300.0))
+    assert told["done"] == list(range(1, 17))
+    assert told["phase"][0] == "waits for the lamp"
+    assert told["phase"][-1] == "shoots"
+    assert told["lamp"][0] == "warms up"
+    assert any("a minute" in words for words in told["lamp"])
+    assert told["lamp"][-1] == "warm and steady"
+    assert told["battery"] == ["75%", "75%"]
+    assert told["card"][0] == "1.0 GB free"
+    assert "lux hours" in told["dose"][-1]
+    assert told["frame"][0] == ("frames/00/monitor_1_e0_r0.raw", EXPOSURES[0])
+
+
+@pytest.mark.parametrize(("battery", "low"), [("25%", True), ("Low", True), ("50%", False), ("", False)])
+def test_a_battery_that_is_nearly_empty(
+    bench: Bench, battery: str, low: bool, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(bench.camera, "health", lambda: Health(battery))
+    bench.capture(PLAN)
+    assert ("battery is at" in caplog.text) == low
