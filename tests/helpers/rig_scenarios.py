@@ -60,7 +60,7 @@ class Send:
 
 @dataclass(frozen=True)
 class Again:
-    """The host sends its last command again, and gets the stored reply, byte by byte."""
+    """The host sends its last command again, and gets the stored reply, byte by byte; HELLO is executed anew."""
 
     times: int = 1
 
@@ -346,7 +346,8 @@ SCENARIOS = [
         Send(Opcode.EXPOSE, b"\x09" + bytes(35), Status.BAD_ARG), Expect(jobs=0),
     )),
     Scenario("an axis that is not there", (
-        *HOMED, home(0x1F, Status.BAD_ARG), move(0, 0, mask=0x13, reply=Status.BAD_ARG), Expect(jobs=1, homed=15),
+        *HOMED, home(0x1F, Status.BAD_ARG), home(0, Status.BAD_ARG),
+        move(0, 0, mask=0x13, reply=Status.BAD_ARG), Expect(jobs=1, homed=15),
     )),
     # boot id
     Scenario("after a power cycle old commands are stale, and the pose is unknown", (
@@ -375,6 +376,10 @@ SCENARIOS = [
     Scenario("homing that is stopped leaves its axes without a pose", (
         *HOMED, home(1), Pass(1), stop(), Expect(jobs=2, job_state=JobState.STOPPED, homed=14),
         move(10_000, 0, reply=Status.NOT_HOMED), home(1), HOMING, Expect(homed=15),
+    )),
+    Scenario("homing that finds no reference is a stall", (
+        *MET, home(), Pass(1), Happen("blocked", 2), Pass(8), Expect(axis=2, job_state=JobState.FAULTED, homed=0),
+        *refused(Fault.STALL), clear(Fault.STALL), home(), HOMING, Expect(homed=15),
     )),
     # moving
     Scenario("a move ends at its target", (

@@ -86,11 +86,12 @@ class Machine:
         self._job_start = 0.0
         self._job_end = self._stall_at = math.inf
         self._motion = self.axes
-        self._releases: deque[tuple[float, float]] = deque()
+        self._releases: deque[float] = deque()
         self._gap_s, self._judge_at, self._edges = 0.0, math.inf, 0
         self._fault, self._fault_axis = Fault.INTERLOCK if self._interlock else Fault.NONE, NO_AXIS
         self._lit_at: float | None = None
         self._shutter, self._shutter_since, self._shutter_until = False, 0.0, math.inf
+        self._light, self._looked = 0.0, 0.0
         self._photodiode = 0
         self._exposures = self._batch = self._events = 0
         self._watchdog_s = self._config.watchdog_ms / 1000
@@ -151,13 +152,13 @@ class Machine:
         self._fault, self._fault_axis = fault, axis
         self._close()
         if fault is Fault.LAMP_OUT:
-            self._lit_at = None
+            self._set_lamp(0)
         self._emit_event()
 
     def set_interlock(self, is_open: bool) -> None:
         """Open or close the door."""
-        self._interlock = is_open
-        if is_open:
+        opened, self._interlock = is_open and not self._interlock, is_open
+        if opened:
             self.trip(Fault.INTERLOCK)
 
     # -- time ----------------------------------------------------------------------------------------
@@ -188,8 +189,6 @@ class Machine:
         busy = self._job_state is JobState.RUNNING or self._shutter
         if busy and self._watchdog_s and not self._fault:
             timers.append((self._fed + self._watchdog_s, lambda: self.trip(Fault.WATCHDOG)))
-        if self._releases:
-            timers.append((self._releases[0][0], self._fire))
         return timers
 
     # -- state ---------------------------------------------------------------------------------------
@@ -244,7 +243,7 @@ class Machine:
 
     def _home(self, mask: int) -> Verdict:
         """Home some axes, which have no pose until that is done."""
-        if mask & ~_ALL_AXES:
+        if not 0 < mask <= _ALL_AXES:
             return Status.BAD_ARG
 
         def home() -> Status:
@@ -281,6 +280,7 @@ class Machine:
         return go
 
     def _set_lamp(self, on: int) -> Status:
+        self._look()
         if not on:
             self._lit_at = None
         elif self._lit_at is None:
@@ -290,15 +290,23 @@ class Machine:
     def _open(self, seconds: float) -> Status:
         if not self._shutter:
             self._shutter, self._shutter_since = True, self._now
+            self._light, self._looked = 0.0, self._now
         self._shutter_until = self._now + seconds
         return Status.OK
 
     def _close(self) -> Status:
         if self._shutter:
-            middle = (self._now - self._shutter_since) / 2
-            self._photodiode = self._measure(middle)
+            self._look()
+            seconds = self._now - self._shutter_since
+            self._photodiode = round(self._light / seconds) if seconds else self._measure(0)
         self._shutter, self._shutter_until = False, math.inf
         return Status.OK
+
+    def _look(self) -> None:
+        """Add the light since the last look to that of the open window; a lamp is as it is in the middle of a while."""
+        seconds = self._now - self._looked
+        self._light += seconds * self._measure(seconds / 2)
+        self._looked = self._now
 
     def _stop(self) -> Status:
         self._halt(JobState.STOPPED)
@@ -309,28 +317,31 @@ class Machine:
         return Status.OK
 
     def _expose(self, batch: Expose) -> Status:
-        at = self._now
         self._gap_s = batch.gap_ms / 1000
-        for time_us in batch.open_us:
-            self._releases.append((at, time_us / 1e6))
-            at += time_us / 1e6 + self._gap_s
+        self._releases.extend(time_us / 1e6 for time_us in batch.open_us)
         self._batch = 0
-        return self._run(Opcode.EXPOSE, self._start, at - self._now)
+        status = self._run(Opcode.EXPOSE, self._start, math.inf)
+        self._judge_at = self._now
+        self._fire()
+        return status
 
     def _fire(self) -> None:
-        at, seconds = self._releases.popleft()
+        seconds = self._releases.popleft()
         self._edges = self._exposures
-        self._judge_at = at + seconds + self._gap_s
+        self._judge_at += seconds + self._gap_s
         if self.release is not None:
             self.release(seconds)
 
     def _judge(self) -> None:
-        """Look for the X-sync edge of an exposure when its open time and the gap are over."""
-        self._judge_at = math.inf
+        """Look for the X-sync edge of an exposure when its open time and the gap are over, and go on to the next."""
         if self._counts_edges and self._exposures == self._edges:
             self.trip(Fault.XSYNC_MISSING)
+            return
+        self._batch += 1
+        if self._releases:
+            self._fire()
         else:
-            self._batch += 1
+            self._finish()
 
     # -- jobs ----------------------------------------------------------------------------------------
 
@@ -343,7 +354,7 @@ class Machine:
         return Status.ACCEPTED
 
     def _finish(self) -> None:
-        self._job_end = math.inf
+        self._job_end = self._judge_at = math.inf
         self._job_state = JobState.DONE
         self._start = self._end
         if self._opcode is Opcode.HOME:
