@@ -86,7 +86,7 @@ struct rig_hardware {
     void (*drive)(void *context, unsigned axis, int32_t mdeg);    /* be there now: a new set point each tick */
     int32_t (*position)(void *context, unsigned axis);            /* what the encoder says, or the steps made */
     void (*seek)(void *context, unsigned axis);                   /* begin to look for the reference */
-    bool (*found)(void *context, unsigned axis);                  /* it is found, and the axis stands at 0 */
+    bool (*found)(void *context, unsigned axis);                  /* it is found, and `position` counts from it */
     void (*halt)(void *context);                                  /* stop all motors, and any search */
     bool (*at_limit)(void *context, unsigned axis);               /* a limit switch is pressed */
     bool (*door_open)(void *context);                             /* interlock */

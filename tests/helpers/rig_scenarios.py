@@ -399,7 +399,7 @@ SCENARIOS = [
     Scenario("a move has its own speeds, and top speed is the most", (
         *HOMED, move(10_000, 0, speeds=(2_000, 0, 0, 0)), Pass(3), Expect(at=(5_900, 0, 0, 0), within=40), Pass(2),
         Expect(job_state=JobState.RUNNING), Pass(0.2), Expect(job_state=JobState.DONE),
-        move(0, 0, speeds=(90_000_000, 0, 0, 0)), Pass(1.4), Expect(job_state=JobState.RUNNING), Pass(0.2),
+        move(60_000, 0, speeds=(90_000_000, 0, 0, 0)), Pass(5.4), Expect(job_state=JobState.RUNNING), Pass(0.2),
         Expect(job_state=JobState.DONE),
     )),
     Scenario("the rest at the end of a move is part of the job", (
@@ -473,6 +473,8 @@ SCENARIOS = [
             for step in (home(), lamp(), shutter(), intensity(), expose(1000), watchdog(500), stop())
         ),
         Pass(3), Expect(jobs=1, homed=15, at=(0, 0, 0, 0), off=(Flag.LAMP, Flag.SHUTTER, Flag.WATCHDOG)),
+        shutter(), Send(Opcode.SHUTTER, bytes(5), OK, VALIDATE_ONLY), move(80_000, 0), Pass(1),
+        Send(Opcode.STOP, b"", OK, VALIDATE_ONLY), Expect(on=(Flag.SHUTTER,), job_state=JobState.RUNNING),
         ESTOP, Send(Opcode.CLEAR, b"\1\0", OK, VALIDATE_ONLY), Expect(fault=Fault.ESTOP),
         Send(Opcode.CLEAR, b"\3\0", Status.BAD_ARG, VALIDATE_ONLY),
     )),

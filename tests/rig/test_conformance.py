@@ -67,7 +67,7 @@ def random_steps(seed: int, count: int) -> tuple[Step, ...]:
     def anything() -> Step:
         target = (draw.choice(theta), draw.choice(phi), draw.choice((0, draw.choice(camera))), draw.choice(phi))
         speeds = (draw.choice((0, 0, 3_000)), draw.choice((0, 0, 20_000)), 0, 0)
-        return draw.choice([
+        steps: list[Step] = [
             move(*target, mask=draw.choice((1, 2, 3, 3, 3, 7, 15, 16)), settle_ms=draw.choice((0, 200)), speeds=speeds),
             move(*target, mask=3, flags=VALIDATE_ONLY), home(draw.choice((15, 15, 1, 6, 0))), stop(), ESTOP,
             lamp(draw.random() < 0.7), shutter(draw.choice((0, 300, 5_000, 60_000))), intensity(draw.choice((0, 100))),
@@ -77,7 +77,8 @@ def random_steps(seed: int, count: int) -> tuple[Step, ...]:
             Send(Opcode.NOP, flip=draw.randrange(1, 64)), Send(Opcode.NOP, stale=True), Again(draw.randint(1, 2)),
             Happen("door_open"), Happen("door_closed"), Happen("door_closed"), Happen("x_sync_out"),
             Happen("x_sync_in"), Happen("exposure"),
-        ])  # fmt: skip
+        ]  # fmt: skip
+        return draw.choice(steps)
 
     def step() -> Step:
         """As likely as not one that lets time pass, or that makes a rig usable again after a fault."""
@@ -85,7 +86,8 @@ def random_steps(seed: int, count: int) -> tuple[Step, ...]:
         if chance < 0.4:
             return Pass(draw.choice((0.003, 0.05, 0.3, 1.1, 6.1, 12.3)), fed=draw.random() < 0.5)
         if chance < 0.55:
-            return draw.choice((Happen("door_closed"), clear(1), clear(5), clear(8), clear(9), home(15), hello()))
+            mends: list[Step] = [Happen("door_closed"), clear(1), clear(5), clear(8), clear(9), home(15), hello()]
+            return draw.choice(mends)
         return anything()
 
     return tuple(open_ended(step()) for _ in range(count))
