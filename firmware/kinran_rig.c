@@ -684,7 +684,7 @@ void rig_tick(struct rig *rig, uint32_t now_ms) {
             close_shutter(rig);
     }
     bool busy = rig->job_state == JOB_RUNNING || rig->shutter;
-    if (busy && rig->watchdog_ms && !rig->fault && now_ms - rig->fed >= rig->watchdog_ms)
+    if (busy && rig->watchdog_ms && now_ms - rig->fed >= rig->watchdog_ms)
         rig_trip(rig, RIG_FAULT_WATCHDOG, RIG_NO_AXIS);
     if (now_ms - rig->event_at >= rig->event_ms)
         send_event(rig);

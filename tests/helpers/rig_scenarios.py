@@ -592,6 +592,10 @@ SCENARIOS = [
     Scenario("exposures that the host makes are counted, too", (
         *MET, Happen("exposure"), Happen("exposure"), Expect(exposures=2, batch=0, jobs=0),
     )),
+    Scenario("exposures are counted from the start", (
+        *MET, Happen("exposure"), Happen("exposure"), Happen("power_cycle"), Expect(exposures=0), Happen("exposure"),
+        Expect(exposures=1),
+    )),
     Scenario("STOP ends a batch", (
         *MET, expose(10_000, 10_000, 10_000, gap_ms=1000), Pass(0.5), stop(), Pass(5),
         Expect(job_state=JobState.STOPPED, exposures=1, fault=Fault.NONE),

@@ -4,7 +4,7 @@ import ctypes
 import random
 
 import pytest
-from c_rig import CDevice, build
+from c_rig import CDevice
 from rig_conformance import PythonDevice, differences, run
 from rig_scenarios import (
     ANY,
@@ -32,12 +32,6 @@ from rig_scenarios import (
 from kinran.rig.protocol import VALIDATE_ONLY, Opcode, descriptor
 
 BY_NAME = pytest.mark.parametrize("scenario", SCENARIOS, ids=lambda scenario: scenario.name)
-
-
-@pytest.fixture(scope="session")
-def c_rig(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
-    """The firmware in C."""
-    return build(tmp_path_factory.mktemp("firmware"))
 
 
 def test_the_table_is_a_table() -> None:
