@@ -338,7 +338,7 @@ SCENARIOS = [
         *(Send(op, b"\1", Status.BAD_ARG) for op in (Opcode.MOVE, Opcode.CLEAR, Opcode.INTENSITY, Opcode.EXPOSE)),
         *(Send(op, b"\1\0", Status.BAD_ARG) for op in (Opcode.HOME, Opcode.LAMP, Opcode.SHUTTER, Opcode.WATCHDOG)),
         *(Send(op, b"", Status.BAD_ARG) for op in (Opcode.HOME, Opcode.LAMP, Opcode.SHUTTER, Opcode.WATCHDOG)),
-        Send(Opcode.MOVE, bytes(48), Status.BAD_ARG),
+        Send(Opcode.MOVE, bytes(48), Status.BAD_ARG), Send(Opcode.SHUTTER, b"\1\xff\0\0\0\0", Status.BAD_ARG),
         Expect(jobs=1, off=(Flag.LAMP, Flag.SHUTTER)),
     )),
     Scenario("a batch of none or of nine exposures", (
@@ -482,7 +482,7 @@ SCENARIOS = [
     Scenario("the lamp", (*MET, lamp(), Expect(on=(Flag.LAMP,)), lamp(), lamp(False), Expect(off=(Flag.LAMP,)))),
     Scenario("the lamp is warm after half an hour, and its light is measured", (
         *MET, intensity(), Pass(0.2), Expect(photodiode=0), lamp(), intensity(), Pass(0.2),
-        Expect(photodiode=85_000), Pass(1799.7), Expect(off=(Flag.LAMP_WARM,)), Pass(0.2),
+        Expect(photodiode=85_000), Pass(1000), lamp(), Pass(799.7), Expect(off=(Flag.LAMP_WARM,)), Pass(0.2),
         Expect(on=(Flag.LAMP_WARM,)), intensity(), Pass(0.2), Expect(photodiode=100_000),
         lamp(False), Expect(off=(Flag.LAMP_WARM,)), lamp(), Expect(off=(Flag.LAMP_WARM,)),
     )),
@@ -499,6 +499,9 @@ SCENARIOS = [
     )),
     Scenario("closing measures the light of the open window", (
         *MET, lamp(), Pass(1), shutter(), Pass(0.5), shutter(0), Expect(off=(Flag.SHUTTER,), photodiode=85_000),
+    )),
+    Scenario("the light of a window is its mean, however often it is opened again", (
+        *MET, shutter(), Pass(1), lamp(), shutter(), Pass(1), shutter(0), Expect(photodiode=42_500),
     )),
     Scenario("a move with the shutter open", (
         *LIT, move(10_000, 0), Pass(5), Expect(on=(Flag.SHUTTER,), job_state=JobState.DONE),
