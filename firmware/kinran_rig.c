@@ -403,6 +403,7 @@ static enum status home(struct rig *rig, const struct command *command, bool act
         return OK;
     rig->sought = rig->moving = command->payload[0];
     rig->homed &= (uint8_t)~rig->sought;
+    rig->following_error = 0;
     for (unsigned i = 0; i < RIG_AXES; i++)
         if (has(rig->sought, i))
             rig->hw->seek(rig->hw->context, i);
@@ -589,9 +590,7 @@ void rig_init(struct rig *rig, const struct rig_hardware *hw, const struct rig_m
     hw->release(hw->context, 0);
     hw->lamp(hw->context, false);
     hw->shutter(hw->context, false);
-    rig->door = hw->door_open(hw->context);
-    rig->fault = rig->door ? RIG_FAULT_INTERLOCK : RIG_FAULT_NONE;
-    rig->fault_axis = RIG_NO_AXIS;
+    rig->fault_axis = RIG_NO_AXIS; /* an open door is a fault at the first tick */
 }
 
 void rig_output(struct rig *rig, const uint8_t *data, size_t length) {

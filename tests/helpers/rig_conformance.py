@@ -327,6 +327,8 @@ def differences(one: Sequence[Did], other: Sequence[Did]) -> list[str]:
             abs(p - q) > tolerance for p, q in zip(x.position, y.position, strict=True)
         ):
             found.append(f"position {x.position} and {y.position}")
+        if x.job_state == JobState.DONE and abs(x.following_error - y.following_error) > AT_REST_MDEG:
+            found.append(f"following errors {x.following_error} and {y.following_error}")
         if abs(x.uptime_ms - y.uptime_ms) > UPTIME_MS:
             found.append(f"uptime {x.uptime_ms} and {y.uptime_ms} ms")
         events = [did[number].state.event - did[max(0, number - 1)].state.event for did in (one, other)]

@@ -392,6 +392,10 @@ SCENARIOS = [
         Pass(0.5), Expect(at=(7_500, 7_500, 0, 0), within=40), Pass(0.4), Expect(job_state=JobState.RUNNING),
         Pass(0.2), Expect(job_state=JobState.DONE, at=(10_000, 10_000, 0, 0)),
     )),
+    Scenario("a short move is over before it is at top speed", (
+        *HOMED, move(2_000, 0), Pass(0.2), Expect(at=(400, 0, 0, 0)), Pass(0.2), Expect(at=(1_462, 0, 0, 0)), Pass(0.2),
+        Expect(job_state=JobState.RUNNING), Pass(0.1), Expect(job_state=JobState.DONE),
+    )),
     Scenario("the slowest axis sets the pace", (
         *HOMED, move(20_000, 120_000), Pass(2), Expect(at=(8_750, 52_500, 0, 0), within=60), Pass(2.4),
         Expect(job_state=JobState.RUNNING), Pass(0.2), Expect(job_state=JobState.DONE),

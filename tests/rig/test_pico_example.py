@@ -14,6 +14,7 @@ from c_rig import FIRMWARE, compile_c
 from kinran.rig.protocol import (
     Config,
     Expose,
+    Fault,
     Ident,
     JobState,
     Move,
@@ -141,6 +142,18 @@ def test_it_homes_and_its_arms_go_where_they_should(pico: Pico) -> None:
     stopped = pico.c.bench_arm(0)
     pico.wait(1)
     assert pico.c.bench_arm(0) == stopped
+
+
+def test_an_emergency_stop_ends_the_search_for_the_references(pico: Pico) -> None:
+    pico.send(Opcode.HOME, b"\x0f")
+    pico.wait(1)
+    begun = pico.c.bench_arm(0)
+    assert begun < 19_000
+    pico.c.tud_hid_set_report_cb(0, ReportId.ESTOP, OUTPUT, bytes(63), 63)
+    stopped = pico.c.bench_arm(0)
+    pico.wait(2)
+    assert pico.c.bench_arm(0) == stopped
+    assert pico.state().fault == Fault.ESTOP
 
 
 def test_its_lamp_shutter_and_camera(pico: Pico) -> None:
