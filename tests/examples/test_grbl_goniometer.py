@@ -114,8 +114,11 @@ def test_stop_keeps_the_pose(rig: GrblGoniometer, stage: FakeGrbl) -> None:
 
 def test_a_power_cut_is_noticed(rig: GrblGoniometer, stage: FakeGrbl) -> None:
     stage.switch_on()
+    stage._state = "Idle"  # a controller that does not insist on homing
     with pytest.raises(RebootedError, match="home it"):
         rig.status()
+    with pytest.raises(RigError, match="not homed"):
+        rig.move(10_000, 0)
     rig.hello()
     assert rig.state.homed == 0
     rig.home()
