@@ -19,7 +19,7 @@ def run(*command: str) -> "subprocess.CompletedProcess[str]":
     [
         ("ruff", "check", "."),
         ("ruff", "format", "--check", "."),
-        ("mypy", "workflow/kinran", "plugins/kinran_bsdf", "benchmarks"),
+        ("mypy", "workflow/kinran", "plugins/kinran_bsdf", "benchmarks", "examples"),
         ("snakefmt", "--check", "Snakefile", "workflow"),
     ],
     ids=lambda command: " ".join(command[:2]),

@@ -35,6 +35,7 @@ class Host:
     def hello(self) -> None:
         self.boot = 0
         self.boot = self.send(Opcode.HELLO, b"\0\0\0\0").boot
+        self.send(Opcode.WATCHDOG, struct.pack("<I", 0))
 
     def raw(self, data: bytes) -> list[Report]:
         self.firmware.outbox.clear()

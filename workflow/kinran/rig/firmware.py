@@ -7,13 +7,15 @@ import os
 import struct
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Literal
 
-from kinran.rig.machine import HOMING_S, Machine
+from kinran.rig.machine import HOMING_S, Machine, Verdict
 from kinran.rig.motion import AXES
 from kinran.rig.motion import Four as Axes
 from kinran.rig.protocol import (
     VALIDATE_ONLY,
+    X_SYNC,
     Config,
     Expose,
     Fault,
@@ -76,6 +78,7 @@ class Firmware(Machine):
         self._injected: deque[Injection | None] = deque()
         self._hung = False
         super().__init__(seed, axes, homing_s)
+        self._counts_edges = bool(capabilities & X_SYNC)
         self.reboot(cause=0)
 
     def reboot(self, cause: int = 2) -> None:
@@ -98,7 +101,7 @@ class Firmware(Machine):
             event = Report(ReportId.EVENT, job=self._job, boot=self.boot, payload=self.state().pack())
             self.outbox.append(event.pack())
 
-    def _timers(self) -> list[tuple[float, Callable[[], None]]]:
+    def _timers(self) -> list[tuple[float, Callable[[], object]]]:
         timers = super()._timers()
         if self._late:
             timers.append((self._late[0][0], self._send_late))
@@ -122,14 +125,16 @@ class Firmware(Machine):
         self._hung = self._hung or injected == "hang"
         if self._hung or injected in ("drop_command", "reboot", "unplug"):
             return
-        self._fed = self._now
+        if data[:1] != bytes([ReportId.COMMAND]):
+            return
         try:
             command = Report.unpack(data)
         except ProtocolError:
             self.outbox.append(self._reply(Report(ReportId.COMMAND), (Status.BAD_CRC, b"")))
             return
+        self._fed = self._now
         seq, bytes_, stored = self._last
-        if command.seq == seq and command.opcode != Opcode.HELLO:
+        if command.seq in (0, seq) and command.opcode != Opcode.HELLO:
             self.outbox.append(stored if data == bytes_ else self._reply(command, (Status.BAD_SEQ, b"")))
             return
         reply = self._reply(command, self._execute(command))
@@ -153,14 +158,13 @@ class Firmware(Machine):
         return Report(report, job=self._job, boot=self.boot, payload=payload).pack()
 
     def set_feature(self, data: bytes) -> bool:
-        """Handle a CONFIG feature; return whether it was accepted."""
+        """Handle a CONFIG feature; return whether it was accepted: the machine is not stretched, nor while it works."""
         try:
             report = Report.unpack(data)
             config = Config.unpack(report.payload)
         except ProtocolError:
             return False
-        hard = zip(self.axes, config.low, config.high, strict=True)
-        if report.id != ReportId.CONFIG or any(lo < a.low or hi > a.high for a, lo, hi in hard):
+        if report.id != ReportId.CONFIG or self._job_state is JobState.RUNNING or not config.within(self._factory):
             return False
         self._config = config
         return True
@@ -191,46 +195,47 @@ class Firmware(Machine):
         if command.opcode not in (Opcode.NOP, Opcode.HELLO) and command.boot != self.boot:
             return Status.STALE_BOOT, self.state().pack()
         try:
-            status = self._command(command)
+            verdict = self._check(command)
         except (ProtocolError, struct.error):
-            status = Status.BAD_ARG
-        return status, self.state().pack()
+            verdict = Status.BAD_ARG
+        if not isinstance(verdict, Status):
+            verdict = Status.OK if command.code & VALIDATE_ONLY else verdict()
+        return verdict, self.state().pack()
 
-    def _command(self, command: Report) -> Status:
+    def _check(self, command: Report) -> Verdict:
+        """Return what is wrong with a command, or what is to be done."""
         payload = command.payload
         match command.opcode:
             case Opcode.NOP | Opcode.HELLO:
                 return Status.OK
             case Opcode.STOP:
-                self._halt(JobState.STOPPED)
-                return Status.OK
+                return self._stop
             case Opcode.CLEAR:
-                return self._clear(*struct.unpack("<H", payload))
+                (seen,) = struct.unpack("<H", payload)
+                return partial(self._clear, seen) if self._names_fault(seen) else Status.BAD_ARG
             case Opcode.WATCHDOG:
-                self._watchdog_s = struct.unpack("<I", payload)[0] / 1000
-                return Status.OK
+                return partial(self._watch, struct.unpack("<I", payload)[0] / 1000)
             case Opcode.SHUTTER if payload[:1] == b"\0":
-                self._close()
-                return Status.OK
+                return self._close
         if self._interlock:
             return Status.INTERLOCK
         if self._fault:
             return Status.FAULTED
         if self._job_state is JobState.RUNNING:
             return Status.BUSY
-        validate = bool(command.code & VALIDATE_ONLY)
         match command.opcode:
             case Opcode.HOME:
                 return self._home(*struct.unpack("<B", payload))
             case Opcode.MOVE:
-                return self._move(Move.unpack(payload), validate)
+                return self._move(Move.unpack(payload))
             case Opcode.LAMP:
-                return self._set_lamp(*struct.unpack("<B", payload))
+                return partial(self._set_lamp, *struct.unpack("<B", payload))
             case Opcode.SHUTTER:
-                return self._open(struct.unpack("<BI", payload)[1] / 1000)
+                longest_ms = struct.unpack("<BI", payload)[1]
+                return partial(self._open, longest_ms / 1000) if longest_ms else Status.BAD_ARG
             case Opcode.INTENSITY:
                 seconds = struct.unpack("<H", payload)[0] / 1000
-                return self._run(Opcode.INTENSITY, self._start, seconds)
+                return partial(self._run, Opcode.INTENSITY, self._start, seconds)
             case Opcode.EXPOSE:
-                return self._expose(Expose.unpack(payload))
+                return partial(self._expose, Expose.unpack(payload))
         return Status.UNSUPPORTED

@@ -11,6 +11,7 @@ from kinran.rig.goniometer import ALL_AXES, Identity, check_fault, check_path, c
 from kinran.rig.motion import AXES, ON_TARGET_MDEG, SETTLE_S, Axis, Four, Pose, move_time, travel_time
 from kinran.rig.protocol import (
     REPORT,
+    X_SYNC,
     Config,
     Expose,
     Fault,
@@ -51,8 +52,6 @@ HOMING_TRAVELS, HOMING_S = 2.0, 10.0
 """Time that homing may take where the rig does not say: so many crossings of the slowest axis' range, and seconds."""
 LIGHT_AXES = 0b0011
 """Mask of the axes of the light arm."""
-X_SYNC = 1
-"""Bit of IDENT's capabilities: the rig counts the camera's exposures."""
 
 
 class HidGoniometer:

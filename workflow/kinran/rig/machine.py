@@ -9,6 +9,7 @@ import struct
 import zlib
 from collections import deque
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 from kinran.rig.motion import AXES, CLEARANCE_MDEG, clearance, move_time, swept, travel_time, travelled
 from kinran.rig.motion import Four as Axes
@@ -22,6 +23,8 @@ PHOTODIODE = 100_000
 """Counts of the photodiode at the lamp's nominal light, so that a count is 10⁻⁵ of it."""
 NO_AXIS = 0xFF
 """Axis of a fault that has none (docs/rig.md, status block)."""
+Verdict = Status | Callable[[], Status]
+"""Status of a command that is refused, or what is left to do of one that is not."""
 _ALL_AXES = 0b1111
 _IDLE_EVENT_S, _MOVING_EVENT_S = 1.0, 0.1
 """Seconds between events, at rest and in motion (docs/rig.md, Protocol)."""
@@ -53,12 +56,14 @@ class Machine:
         self.seed = seed
         self.axes = axes
         self.homing_s = homing_s
+        self._counts_edges = True
         self.lamp_factor = 1.0
         self.release: Callable[[float], None] | None = None
         self.jobs_done: list[tuple[Opcode, Four]] = []
         self._now = 0.0
+        self._interlock = False
         self._start: tuple[float, ...] = (20_000.0, 15_000.0, 0.0, 0.0)
-        self._config = Config(
+        self._factory = Config(
             low=_four(axis.low for axis in axes),
             high=_four(axis.high for axis in axes),
             speeds=_four(axis.speed // 10 for axis in axes),
@@ -66,6 +71,7 @@ class Machine:
             watchdog_ms=2000,
             homing_s=math.ceil(homing_s),
         )
+        self._config = self._factory
         self._reset()
 
     def _reset(self) -> None:
@@ -79,14 +85,16 @@ class Machine:
         self._job_state = JobState.IDLE
         self._job_start = 0.0
         self._job_end = self._stall_at = math.inf
-        self._releases: deque[tuple[float, float]] = deque()
-        self._fault, self._fault_axis = Fault.NONE, NO_AXIS
-        self._interlock = False
+        self._motion = self.axes
+        self._releases: deque[float] = deque()
+        self._gap_s, self._judge_at, self._edges = 0.0, math.inf, 0
+        self._fault, self._fault_axis = Fault.INTERLOCK if self._interlock else Fault.NONE, NO_AXIS
         self._lit_at: float | None = None
         self._shutter, self._shutter_since, self._shutter_until = False, 0.0, math.inf
+        self._light, self._looked = 0.0, 0.0
         self._photodiode = 0
         self._exposures = self._batch = self._events = 0
-        self._watchdog_s = 0.0
+        self._watchdog_s = self._config.watchdog_ms / 1000
         self._next_event = self._now + _IDLE_EVENT_S
 
     def on_event(self) -> None:
@@ -144,13 +152,13 @@ class Machine:
         self._fault, self._fault_axis = fault, axis
         self._close()
         if fault is Fault.LAMP_OUT:
-            self._lit_at = None
+            self._set_lamp(0)
         self._emit_event()
 
     def set_interlock(self, is_open: bool) -> None:
         """Open or close the door."""
-        self._interlock = is_open
-        if is_open:
+        opened, self._interlock = is_open and not self._interlock, is_open
+        if opened:
             self.trip(Fault.INTERLOCK)
 
     # -- time ----------------------------------------------------------------------------------------
@@ -170,9 +178,10 @@ class Machine:
         """Return the clock, in seconds, at which the next timer falls due."""
         return min(due for due, _ in self._timers())
 
-    def _timers(self) -> list[tuple[float, Callable[[], None]]]:
-        timers: list[tuple[float, Callable[[], None]]] = [
+    def _timers(self) -> list[tuple[float, Callable[[], object]]]:
+        timers: list[tuple[float, Callable[[], object]]] = [
             (self._next_event, self._emit_event),
+            (self._judge_at, self._judge),
             (self._job_end, self._finish),
             (self._stall_at, self._stall),
             (self._shutter_until, self._close),
@@ -180,8 +189,6 @@ class Machine:
         busy = self._job_state is JobState.RUNNING or self._shutter
         if busy and self._watchdog_s and not self._fault:
             timers.append((self._fed + self._watchdog_s, lambda: self.trip(Fault.WATCHDOG)))
-        if self._releases:
-            timers.append((self._releases[0][0], self._fire))
         return timers
 
     # -- state ---------------------------------------------------------------------------------------
@@ -190,7 +197,9 @@ class Machine:
         """Return the STATUS block."""
         flags = self._homed << Flag.HOMED
         if self._job_state is JobState.RUNNING:
-            moving = (a != b for a, b in zip(self._start, self._end, strict=True))
+            moving = [a != b for a, b in zip(self._start, self._end, strict=True)]
+            if self._opcode is Opcode.HOME:
+                moving = [bool(self._homing >> i & 1) for i in range(4)]
             flags |= sum(m << (Flag.MOVING + i) for i, m in enumerate(moving))
         flags |= self._shutter << Flag.SHUTTER | self.lamp_on << Flag.LAMP
         flags |= (self._watchdog_s > 0) << Flag.WATCHDOG | (self._fault != 0) << Flag.FAULT
@@ -220,22 +229,37 @@ class Machine:
         self._next_event = self._now + (_MOVING_EVENT_S if running else _IDLE_EVENT_S)
         self.on_event()
 
-    # -- commands ------------------------------------------------------------------------------------
+    # -- commands: each is checked first, and returns its status, or what is left to do -----------------
+
+    def _names_fault(self, seen: int) -> bool:
+        """Return whether CLEAR may clear what the host saw: no other fault, and no door that is still open."""
+        return seen == self._fault and not (self._fault is Fault.INTERLOCK and self._interlock)
 
     def _clear(self, seen: int) -> Status:
-        if seen != self._fault or (self._fault is Fault.INTERLOCK and self._interlock):
-            return Status.BAD_ARG
-        self._fault, self._fault_axis = Fault.NONE, NO_AXIS
-        self._job_state = JobState.IDLE
+        if seen:
+            self._fault, self._fault_axis = Fault.NONE, NO_AXIS
+            self._job_state = JobState.IDLE
         return Status.OK
 
-    def _home(self, mask: int) -> Status:
-        end = tuple(self._rest(i, 0) if mask >> i & 1 else at for i, at in enumerate(self._start))
-        self._homing = mask
-        return self._run(Opcode.HOME, end, self.homing_s)
+    def _home(self, mask: int) -> Verdict:
+        """Home some axes, which have no pose until that is done."""
+        if not 0 < mask <= _ALL_AXES:
+            return Status.BAD_ARG
 
-    def _move(self, move: Move, validate: bool) -> Status:
-        if move.mask & ~self._homed:
+        def home() -> Status:
+            end = tuple(self._rest(i, 0) if mask >> i & 1 else at for i, at in enumerate(self._start))
+            self._homing = mask
+            self._homed &= ~mask
+            self._motion = self._configured()
+            return self._run(Opcode.HOME, end, self.homing_s)
+
+        return home
+
+    def _move(self, move: Move) -> Verdict:
+        """Move some axes, all at once; where all stand must be known, or nobody knows whether the arms meet."""
+        if move.mask & ~_ALL_AXES:
+            return Status.BAD_ARG
+        if self._homed != _ALL_AXES:
             return Status.NOT_HOMED
         axes = [i for i in range(4) if move.mask >> i & 1]
         if any(not self._config.low[i] <= move.targets[i] <= self._config.high[i] for i in axes):
@@ -243,16 +267,20 @@ class Machine:
         end = tuple(self._rest(i, move.targets[i]) if i in axes else self._start[i] for i in range(4))
         if _collides(self._start, end):
             return Status.COLLISION
-        if validate:
-            return Status.OK
-        errors = list(self._encoder_error)
-        for i in axes:
-            errors[i] = 2 * self._jitter(i, move.targets[i], b"encoder")
-        self._encoder_error = tuple(errors)
-        seconds = move_time(self._start, end, self.axes)
-        return self._run(Opcode.MOVE, end, seconds + move.settle_ms / 1000)
+
+        def go() -> Status:
+            errors = list(self._encoder_error)
+            for i in axes:
+                errors[i] = 2 * self._jitter(i, move.targets[i], b"encoder")
+            self._encoder_error = tuple(errors)
+            self._motion = self._configured(move.speeds)
+            seconds = move_time(self._start, end, self._motion)
+            return self._run(Opcode.MOVE, end, seconds + move.settle_ms / 1000)
+
+        return go
 
     def _set_lamp(self, on: int) -> Status:
+        self._look()
         if not on:
             self._lit_at = None
         elif self._lit_at is None:
@@ -260,38 +288,60 @@ class Machine:
         return Status.OK
 
     def _open(self, seconds: float) -> Status:
-        if seconds <= 0:
-            return Status.BAD_ARG
         if not self._shutter:
             self._shutter, self._shutter_since = True, self._now
+            self._light, self._looked = 0.0, self._now
         self._shutter_until = self._now + seconds
         return Status.OK
 
-    def _close(self) -> None:
+    def _close(self) -> Status:
         if self._shutter:
-            middle = (self._now - self._shutter_since) / 2
-            self._photodiode = self._measure(middle)
+            self._look()
+            seconds = self._now - self._shutter_since
+            self._photodiode = round(self._light / seconds) if seconds else self._measure(0)
         self._shutter, self._shutter_until = False, math.inf
+        return Status.OK
+
+    def _look(self) -> None:
+        """Add the light since the last look to that of the open window; a lamp is as it is in the middle of a while."""
+        seconds = self._now - self._looked
+        self._light += seconds * self._measure(seconds / 2)
+        self._looked = self._now
+
+    def _stop(self) -> Status:
+        self._halt(JobState.STOPPED)
+        return Status.OK
+
+    def _watch(self, seconds: float) -> Status:
+        self._watchdog_s = seconds
+        return Status.OK
 
     def _expose(self, batch: Expose) -> Status:
-        at = self._now
-        self._releases.clear()
-        for time_us in batch.open_us:
-            self._releases.append((at, time_us / 1e6))
-            at += time_us / 1e6 + batch.gap_ms / 1000
+        self._gap_s = batch.gap_ms / 1000
+        self._releases.extend(time_us / 1e6 for time_us in batch.open_us)
         self._batch = 0
-        return self._run(Opcode.EXPOSE, self._start, at - self._now)
+        status = self._run(Opcode.EXPOSE, self._start, math.inf)
+        self._judge_at = self._now
+        self._fire()
+        return status
 
     def _fire(self) -> None:
-        _, seconds = self._releases.popleft()
-        before = self._exposures
+        seconds = self._releases.popleft()
+        self._edges = self._exposures
+        self._judge_at += seconds + self._gap_s
         if self.release is not None:
             self.release(seconds)
-        if self._exposures == before:
-            self._releases.clear()
+
+    def _judge(self) -> None:
+        """Look for the X-sync edge of an exposure when its open time and the gap are over, and go on to the next."""
+        if self._counts_edges and self._exposures == self._edges:
             self.trip(Fault.XSYNC_MISSING)
+            return
+        self._batch += 1
+        if self._releases:
+            self._fire()
         else:
-            self._batch += 1
+            self._finish()
 
     # -- jobs ----------------------------------------------------------------------------------------
 
@@ -304,7 +354,7 @@ class Machine:
         return Status.ACCEPTED
 
     def _finish(self) -> None:
-        self._job_end = math.inf
+        self._job_end = self._judge_at = math.inf
         self._job_state = JobState.DONE
         self._start = self._end
         if self._opcode is Opcode.HOME:
@@ -323,14 +373,27 @@ class Machine:
             self._start = self.pose
             self._job_state = state
         self._end = self._start
-        self._job_end = self._stall_at = math.inf
+        self._job_end = self._stall_at = self._judge_at = math.inf
         self._releases.clear()
+
+    def _configured(self, speeds: Four = (0, 0, 0, 0)) -> Axes:
+        """Return the axes as CONFIG and a move's own speeds hold them back."""
+        config = zip(self.axes, self._config.speeds, self._config.accelerations, speeds, strict=True)
+        a, b, c, d = (
+            replace(
+                axis,
+                speed=min(axis.speed, 10 * top or axis.speed, speed or axis.speed),
+                acceleration=min(axis.acceleration, 1000 * acceleration or axis.acceleration),
+            )
+            for axis, top, acceleration, speed in config
+        )
+        return a, b, c, d
 
     def _fraction(self) -> float:
         """Return the share of the running job's path that is done; the slowest axis sets the pace."""
         paths = [
             (travel_time(b - a, axis.speed, axis.acceleration), b - a, axis)
-            for a, b, axis in zip(self._start, self._end, self.axes, strict=True)
+            for a, b, axis in zip(self._start, self._end, self._motion, strict=True)
         ]
         _, distance, axis = max(paths, key=lambda path: path[0])
         return travelled(distance, axis.speed, axis.acceleration, self._now - self._job_start)

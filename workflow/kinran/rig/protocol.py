@@ -20,6 +20,8 @@ VALIDATE_ONLY = 1
 """Flag of a command that is only checked, not executed."""
 COORDINATED = 1
 """Flag of a move whose axes arrive at once."""
+X_SYNC = 1
+"""Bit of IDENT's capabilities: the rig counts the camera's exposures."""
 USAGE_PAGE, USAGE = 0xFF4B, 0x01
 """HID usage of the rig, on a page reserved for vendors."""
 
@@ -362,6 +364,13 @@ class Config:
             v[16],
             *v[17:],
         )
+
+    def within(self, factory: Self) -> bool:
+        """Return whether a machine whose own configuration is `factory` can be configured like this."""
+        limits = zip(factory.low, self.low, self.high, factory.high, strict=True)
+        own = (*factory.speeds, *factory.accelerations)
+        motion = zip((*self.speeds, *self.accelerations), own, strict=True)
+        return all(a <= b <= c <= d for a, b, c, d in limits) and all(value <= most for value, most in motion)
 
 
 def estop_report() -> bytes:
