@@ -1,0 +1,118 @@
+"""The rig's driver and its commands on a real kernel: a virtual machine sees a simulated rig, and the driver drives it.
+
+The rig is a device of uhid, or of USB through vhci_hcd, and is reached through hidraw or libusb. Every check prints a
+line; the last line has their numbers. The status is 0 if all passed, 1 if one failed, and 2 if the machine could not be
+set up, which is an error and never a pass.
+"""
+
+import argparse
+import importlib.util
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from virtual_machine import SetupError, boot, initramfs, install_tools, kernel
+
+from kinran.base.project import ROOT
+
+SETUPS = ("hidraw:uhid", "hidraw:vhci", "libusb:vhci")
+"""How the driver reaches the rig, and how the rig reaches the kernel."""
+HERE = Path(__file__).resolve().parent
+
+
+@dataclass
+class Results:
+    """What the guest said.
+
+    Attributes
+    ----------
+    passed, failed
+        Numbers of checks.
+    ended
+        Set-ups whose checks came to their end.
+    """
+
+    passed: int = 0
+    failed: int = 0
+    ended: set[str] = field(default_factory=set)
+
+    def take(self, line: str) -> str | None:
+        """Count a line of the guest, and return what is to be shown of it.
+
+        Raises
+        ------
+        SetupError
+            The guest misses something.
+        """
+        word, _, rest = line.partition(" ")
+        if word == "@needs":
+            raise SetupError(f"the guest needs {rest}")
+        if word == "@end":
+            self.ended.add(rest.split()[0])
+            return None
+        self.passed += word == "ok"
+        self.failed += word == "FAIL"
+        return line
+
+    def missing(self, setups: Sequence[str]) -> list[str]:
+        """Return the set-ups whose checks did not come to their end."""
+        return [setup for setup in setups if setup not in self.ended]
+
+
+def copied() -> list[Path]:
+    """Return what a guest without the files of this machine needs: Python, hidapi, the library and the checks."""
+    files = [Path(sys.executable).resolve(), Path(sys.base_prefix) / "lib" / f"python3.{sys.version_info[1]}"]
+    for name in ("hid", "hidraw", "msgspec", "typing_extensions", "kinran"):
+        spec = importlib.util.find_spec(name)
+        assert spec is not None
+        assert spec.origin is not None
+        origin = Path(spec.origin)
+        files.append(origin.parent if origin.name == "__init__.py" else origin)
+    libraries = Path(files[2]).parent / "hidapi.libs"
+    gconv = [path for path in Path("/usr/lib").glob("*/gconv/*") if path.name.startswith(("gconv-modules", "UTF-16"))]
+    return [*files, libraries, *gconv, HERE, ROOT / "tests" / "helpers"]
+
+
+def main(words: Sequence[str]) -> int:
+    """Run the checks in the set-ups that are named, or in all; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="kinran test rig-vm", description=__doc__)
+    parser.add_argument("setups", nargs="*", metavar="SETUP", help=f"{', '.join(SETUPS)}; all by default")
+    parser.add_argument("--root", choices=["9p", "copy"], default="9p", help="how the guest gets its files")
+    args = parser.parse_args(words)
+    if unknown := set(args.setups) - set(SETUPS):
+        parser.error(f"unknown set-up {' '.join(sorted(unknown))}; known are {', '.join(SETUPS)}")
+    setups = args.setups or SETUPS
+    began = time.monotonic()
+    results = Results()
+    try:
+        install_tools()
+        found = kernel()
+        files = copied() if args.root == "copy" else []
+        with initramfs(found, [program(setup) for setup in setups], files) as packed:
+            prepared = time.monotonic()
+            for line in boot(found, packed, shares_root=not files):
+                if shown := results.take(line):
+                    print(shown, flush=True)
+    except SetupError as error:
+        print(f"SETUP ERROR: {error}", flush=True)
+        return 2
+    for setup in results.missing(setups):
+        print(f"FAIL {setup} did not come to its end")
+        results.failed += 1
+    print(f"note {found.name}, prepared in {prepared - began:.0f} s, ran for {time.monotonic() - prepared:.0f} s")
+    print(f"{results.passed} passed, {results.failed} failed")
+    return 1 if results.failed or not results.passed else 0
+
+
+def program(setup: str) -> str:
+    """Return the line of shell that runs the checks of a set-up."""
+    backend, link = setup.split(":")
+    path = ":".join(str(folder) for folder in (ROOT / "workflow", ROOT / "tests" / "helpers"))
+    environment = f"HOME=/run TMPDIR=/run PYTHONDONTWRITEBYTECODE=1 PYTHONPATH={path}"
+    return f"{environment} {sys.executable} {HERE / 'rig_guest.py'} {backend} {link}"
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
