@@ -16,7 +16,8 @@ RELEASE = 0x0104
 HOMING_S = 0.5
 """Seconds of homing, which the rig states in CONFIG, rounded up."""
 QUICKER = 4
-"""Factor on speeds and accelerations of `AXES`, which the rig states in CONFIG, whose accelerations end at 255."""
+"""Factor on the speed and acceleration of θ against `AXES`, which the rig states in CONFIG; φ is as slow as there, so
+that much can happen in a move of it."""
 FEATURES = (ReportId.IDENT, ReportId.CONFIG, ReportId.STATUS)
 """Features that the rig has; asked for others, it refuses at once."""
 
@@ -69,6 +70,8 @@ class Rig(Firmware):
 
 
 def quicker(axes: Axes) -> Axes:
-    """Return axes that are `QUICKER` times as quick."""
-    a, b, c, d = (replace(axis, speed=axis.speed * QUICKER, acceleration=axis.acceleration * QUICKER) for axis in axes)
-    return a, b, c, d
+    """Return axes whose θ are `QUICKER` times as quick."""
+    light, camera = (
+        replace(axis, speed=axis.speed * QUICKER, acceleration=axis.acceleration * QUICKER) for axis in axes[::2]
+    )
+    return light, axes[1], camera, axes[3]

@@ -9,7 +9,9 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import redirect_stdout
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,10 +19,7 @@ from typing import Any
 import rig_device
 
 import kinran.__main__ as command_line
-import kinran.capture.rig  # a forked program of another user could not read it
 from kinran.rig.transport import PRODUCT, VENDOR, hid_module
-
-assert kinran.capture.rig
 
 SOON_S = 20.0
 """Seconds in which what must happen happens, on a loaded machine that computes the guest's instructions."""
@@ -44,6 +43,11 @@ class Ended:
     status: int
     out: str
     error: str
+
+    def __str__(self) -> str:
+        """Status and last lines, which say most."""
+        last = [text.splitlines()[-1] for text in (self.out, self.error) if text]
+        return f"status {self.status}: {', '.join(last)}"
 
     def refused(self, *words: str) -> bool:
         """Return whether it ended with one sentence that has these words, and not with a traceback."""
@@ -79,7 +83,7 @@ class Program:
         try:
             signal.signal(signal.SIGINT, signal.default_int_handler)
             for number, path in enumerate(self._files, 1):
-                os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT), number)
+                os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
             os.environ.update(environment or {})
             if user is not None:
                 os.setgroups([grp.getgrnam(name).gr_gid for name in user.groups])
@@ -133,7 +137,7 @@ class Device:
         print(words, file=self._words, flush=True)
         line = self._answers.readline()
         if not line:
-            raise RuntimeError(f"the emulated rig died at '{words}': {self._program.wait().error}")
+            raise RuntimeError(f"the emulated rig died at '{words}': {self._program.wait().error[-200:]}")
         return SimpleNamespace(**json.loads(line))
 
     def kill(self) -> None:
@@ -213,6 +217,12 @@ class Bench:
         time.sleep(0.2)
         after = self.rig()
         return not after.running and before.pose == after.pose
+
+
+def load_what_users_need() -> None:
+    """Call the command once, so that all its modules are loaded: not every user may read the folder of this Python."""
+    with redirect_stdout(StringIO()):
+        command_line.main(["rig", "--device", "virtual", "status"])
 
 
 def udevadm(*words: str) -> None:

@@ -1,6 +1,6 @@
-"""Checks of the driver and of the command line on a kernel: what runs in the guest, for one set-up.
+"""Checks of the driver and of the command line on a kernel: what runs in the guest.
 
-``rig_guest.py BACKEND LINK`` prints a line for each check, and ends with their numbers. A check that something is
+``rig_guest.py SETUP …`` prints a line for each check, and ends with their numbers. A check that something is
 refused asks for the sentence that a user reads.
 """
 
@@ -11,12 +11,12 @@ import subprocess
 import sys
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from emulated_rig import HOMING_S, PRODUCT_NAME, QUICKER, SERIAL
-from guest_bench import Bench, Program, User, close_to, raised, udevadm
+from emulated_rig import HOMING_S, PRODUCT_NAME, SERIAL, quicker
+from guest_bench import Bench, Program, User, close_to, load_what_users_need, raised, udevadm
 
 from kinran.capture.rig import udev_rule
 from kinran.rig.errors import (
@@ -90,8 +90,7 @@ def check_handle(bench: Bench) -> None:
     sent = handle.write(nop)
     reply = bytes(handle.read(REPORT, 1000))
     bench.check("a command is answered", sent == REPORT and Report.unpack(reply).id == ReportId.REPLY, reply.hex())
-    while handle.read(REPORT, 20):
-        pass
+    handle.read(REPORT, 2000)  # an event; the next comes after a second
     before = time.monotonic()
     nothing = handle.read(REPORT, 100)
     bench.check("a read that times out is empty", nothing == [] and time.monotonic() - before > 0.09, nothing)
@@ -108,11 +107,8 @@ def check_handle(bench: Bench) -> None:
     bench.check("hidraw alone drops an undeclared report", bool(undeclared) != hidraw, len(undeclared))
     numbers = overflow(bench, handle)
     last = bench.rig().events
-    kept = numbers[0] == last - FLOOD + 1 if hidraw else numbers[-1] == last
+    kept = numbers[0] < last - FLOOD + 9 if hidraw else numbers[-1] > last - 9  # the rig sends others by itself
     bench.check(f"of {FLOOD} unread events few are kept, by hidraw the oldest", kept and len(numbers) <= 64, numbers)
-    bench.rig("mute")
-    error = raised(lambda: handle.get_feature_report(ReportId.STATUS, REPORT), OSError)
-    bench.check("a feature that is not answered is an error", error, error)
     handle.close()
     error = raised(lambda: handle.read(REPORT, 20), ValueError)
     bench.check("a closed handle says so", error, error)
@@ -144,7 +140,7 @@ def check_driver(bench: Bench) -> None:
         identity = rig.identity
         bench.check("hello reads the boot id", rig.boot == identity.boot == bench.rig().boot, rig.boot)
         speeds = [axis.speed for axis in identity.axes]
-        bench.check("speeds are the rig's own", speeds == [QUICKER * axis.speed for axis in AXES], speeds)
+        bench.check("speeds are the rig's own", speeds == [axis.speed for axis in quicker(AXES)], speeds)
         bench.check("so is the time of homing", HOMING_S <= identity.homing_s <= HOMING_S + 1, identity.homing_s)
         bench.check("hello sets the watchdog", rig.status().has(Flag.WATCHDOG), rig.state)
         error = raised(lambda: rig.move(1000, 0), RefusedError)
@@ -155,9 +151,9 @@ def check_driver(bench: Bench) -> None:
         there = bench.rig().pose
         bench.check("the arm is where it was sent", close_to(there, (20_000, 30_000)), there)
         bench.check("the encoders are what is returned", close_to(state.position, there), state.position)
-        rig.move(20_000, 30_000, (10_000, 90_000))
+        rig.move(20_000, 30_000, (10_000, -10_000))
         there = bench.rig().pose
-        bench.check("the camera arm moves, too", close_to(there, (20_000, 30_000, 10_000, 90_000)), there)
+        bench.check("the camera arm moves, too", close_to(there, (20_000, 30_000, 10_000, -10_000)), there)
         rig.move(20_000, 30_000, (0, 0))
         moves = bench.rig().moves
         error = raised(lambda: rig.move(95_000, 0), LimitError)
@@ -301,7 +297,7 @@ def pull_while_moving(bench: Bench, rig: HidGoniometer, pull: Callable[[], objec
 
     signal.signal(signal.SIGALRM, at)
     signal.setitimer(signal.ITIMER_REAL, 0.5)
-    return raised(lambda: rig.move(80_000, 300_000), DisconnectedError)
+    return raised(lambda: rig.move(0, 300_000), DisconnectedError)
 
 
 def check_commands(bench: Bench) -> None:
@@ -360,7 +356,7 @@ def check_two_programs(bench: Bench) -> None:
     """Two programs that would drive the rig."""
     busy = BUSY[bench.backend == "libusb"]
     bench.kinran("home").wait()
-    first = bench.kinran("move", "60", "300")
+    first = bench.kinran("move", "0", "300")
     bench.until(lambda truth: truth.running)
     elsewhere = {"XDG_RUNTIME_DIR": "/run/other", "TMPDIR": "/run/other"}
     for who, words, environment in (
@@ -375,7 +371,7 @@ def check_two_programs(bench: Bench) -> None:
     moving = bench.rig().running
     ended = first.wait()
     there = bench.rig().pose
-    undisturbed = ended.status == 0 and close_to(there, (60_000, 300_000)) and moving
+    undisturbed = ended.status == 0 and close_to(there, (0, 300_000)) and moving
     bench.check("the first is not disturbed", undisturbed, (moving, there, ended))
     ended = bench.kinran("status").wait()
     bench.check("after its end the second is let in", ended.status == 0, ended)
@@ -398,22 +394,21 @@ def check_two_programs(bench: Bench) -> None:
 def check_ends_of_a_host(bench: Bench) -> None:
     """The host is interrupted, ended, or killed."""
     bench.kinran("home").wait()
-    targets = [("60", "300"), ("0", "0"), ("60", "300"), ("0", "0")]
-    for name, target in zip(("SIGINT", "SIGTERM", "SIGHUP"), targets, strict=False):
-        program = moving(bench, *target)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        program = moving(bench)
         program.signal(signal.Signals[name])
         ended = program.wait()
         there = bench.rig()
         found = (ended, there)
         bench.check(f"{name} in a move stops the arm", bench.still() and there.fault == "NONE", found)
         bench.check(f"{name} is told in a line", ended.status == 130 and ended.error.count("\n") == 0, ended)
-    program = moving(bench, *targets[3])
+    program = moving(bench)
     program.signal(signal.SIGINT)
     time.sleep(0.02)
     program.signal(signal.SIGINT)
     program.wait()
     bench.check("Ctrl-C twice stops the arm as well", bench.still() and bench.rig().fault == "NONE")
-    program = moving(bench, *targets[0])
+    program = moving(bench)
     program.signal(signal.SIGKILL)
     program.wait()
     truth = bench.until(lambda truth: not truth.running, 5)
@@ -421,9 +416,9 @@ def check_ends_of_a_host(bench: Bench) -> None:
     ended = bench.kinran("status").wait()
     shown = "watchdog" in ended.out and bench.rig().fault == "WATCHDOG"
     bench.check("status shows that and leaves it", ended.status == 0 and shown, ended)
-    ended = bench.kinran("move", "5", "5").wait()
-    bench.check("the next command clears it", ended.status == 0 and close_to(bench.rig().pose, (5000, 5000)), ended)
-    program = moving(bench, *targets[0])
+    ended = bench.kinran("jog", "theta", "1").wait()
+    bench.check("the next command clears it", ended.status == 0 and bench.rig().fault == "NONE", ended)
+    program = moving(bench)
     program.signal(signal.SIGSTOP)
     truth = bench.until(lambda truth: not truth.running, 5)
     bench.check("so does the watchdog if the host is frozen", truth.fault == "WATCHDOG", truth)
@@ -450,7 +445,7 @@ def check_ends_of_a_host(bench: Bench) -> None:
     bench.check("after kill -9 in an exposure the shutter is closed", closed, truth)
     bench.check("and the lamp stays lit", truth.lamp, truth)
     for name in ("reboot", "unplug"):
-        program = moving(bench, *targets[0])
+        program = moving(bench)
         bench.rig(name)
         ended = program.wait()
         wanted = "restarted" if name == "reboot" else "disconnected"
@@ -458,11 +453,12 @@ def check_ends_of_a_host(bench: Bench) -> None:
         bench.fresh()
 
 
-def moving(bench: Bench, theta: str, phi: str) -> Program:
-    """Start a move on a homed rig, and return its program once the arm moves."""
+def moving(bench: Bench) -> Program:
+    """Start a move that takes over six seconds, and return its program once the arm moves."""
     if bench.rig().homed != ALL_AXES:
         bench.kinran("home").wait()
-    program = bench.kinran("move", theta, phi)
+    far = "360" if bench.rig().pose[1] < 180_000 else "0"
+    program = bench.kinran("move", "0", far)
     bench.until(lambda truth: truth.running)
     time.sleep(0.2)
     return program
@@ -498,7 +494,7 @@ def check_permissions(bench: Bench) -> None:
     bench.check("a stranger who names the rig is, too", ended.refused("install-udev"), ended)
     ended = bench.kinran("home", user=MEMBER).wait()
     bench.check("with the rule a user homes the rig", ended.status == 0 and bench.rig().homed == ALL_AXES, ended)
-    first = bench.kinran("move", "60", "300", user=MEMBER)
+    first = bench.kinran("move", "0", "180", user=MEMBER)
     bench.until(lambda truth: truth.running)
     ended = bench.kinran("status").wait()
     busy = BUSY[bench.backend == "libusb"]
@@ -516,42 +512,53 @@ def replug(bench: Bench) -> None:
     bench.seen(True)
 
 
-CHECKS = (
-    check_handle,
-    check_driver,
-    check_line,
-    check_faults,
-    check_cable,
-    check_commands,
-    check_two_programs,
-    check_ends_of_a_host,
-    check_permissions,
-)
-"""All checks, each of which begins with a rig after power-on."""
+DRIVER = (check_handle, check_driver, check_line, check_cable)
+"""Checks of what the links and the back-ends do each in their own way."""
+CHECKS = {
+    "hidraw:uhid": (*DRIVER, check_faults, check_commands, check_two_programs, check_permissions),
+    "hidraw:vhci": (*DRIVER, check_ends_of_a_host),
+    "libusb:vhci": (*DRIVER, check_faults, check_two_programs, check_ends_of_a_host, check_permissions),
+}
+"""Checks in each set-up; each begins with a rig after power-on."""
 
 
-def main(backend: str, link: str) -> int:
+def run(setup: str) -> None:
     """Run all checks in a set-up."""
+    backend, link = setup.split(":")
     if backend == "libusb":
         sys.modules["hidraw"] = None  # type: ignore[assignment]
-    try:
-        hid_module()
-    except TransportError as error:
-        print(f"@needs hidapi in the guest: {error}")
-        return 2
-    os.chdir("/run")
     bench = Bench(backend, link)
-    for check in CHECKS:
+    for check in CHECKS[setup]:
         began = time.monotonic()
         try:
             bench.fresh()
             check(bench)
-        except Exception:
-            bench.check(f"{check.__name__} comes to its end", False, traceback.format_exc()[-600:])
-        print(f"note {check.__name__} took {time.monotonic() - began:.1f} s", flush=True)
-    print(f"@end {backend}:{link} {bench.passed} {bench.failed}", flush=True)
-    return 0
+        except Exception as error:
+            where = traceback.extract_tb(error.__traceback__)[1:]
+            lines = ", ".join(f"{Path(frame.filename).name}:{frame.lineno}" for frame in where)
+            bench.check(f"{check.__name__} comes to its end", False, f"{error!r} at {lines}")
+        print(f"note {setup} {check.__name__} took {time.monotonic() - began:.1f} s", flush=True)
+    bench.rig.kill()
+    print(f"@end {setup}", flush=True)
+
+
+def main(setups: Sequence[str]) -> None:
+    """Run the set-ups in turn, each in a fork of this process."""
+    try:
+        hid_module()
+    except TransportError as error:
+        print(f"@needs hidapi: {error}")
+        return
+    os.chdir("/run")
+    load_what_users_need()
+    for setup in setups:
+        sys.stdout.flush()
+        if pid := os.fork():
+            os.waitpid(pid, 0)
+            continue
+        run(setup)
+        os._exit(0)
 
 
 if __name__ == "__main__":
-    sys.exit(main(*sys.argv[1:]))
+    main(sys.argv[1:])

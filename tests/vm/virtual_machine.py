@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import tempfile
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -51,7 +52,6 @@ $B mount --bind /dev /root/dev; $B mount -t proc p /root/proc; $B mount -t sysfs
 $B mount -t tmpfs r /root/run; $B mkdir -p /root/run/udev/rules.d
 export SYSTEMD_IGNORE_CHROOT=1 PATH=/usr/sbin:/usr/bin:/sbin:/bin
 $B chroot /root /lib/systemd/systemd-udevd --daemon || echo "@needs udevd, which does not start"
-$B chroot /root udevadm trigger; $B chroot /root udevadm settle -t 30
 {programs}
 $B sync; $B poweroff -f
 """
@@ -204,7 +204,7 @@ def _copy(path: Path, root: Path) -> None:
     target = root / path.relative_to("/")
     target.parent.mkdir(parents=True, exist_ok=True)
     if path.is_dir():
-        ignored = shutil.ignore_patterns("__pycache__", "test", "tests", "site-packages", "dist-packages", "config-*")
+        ignored = shutil.ignore_patterns("test", "tests", "site-packages", "dist-packages", "config-*")
         shutil.copytree(path, target, ignore=ignored, dirs_exist_ok=True)
     elif not target.exists():
         shutil.copy(path.resolve(), target)
@@ -245,6 +245,7 @@ def boot(kernel: Kernel, packed: Path, shares_root: bool) -> Iterator[str]:
             "-serial", f"file:{console}", "-serial", "file:/dev/stdout", *(share if shares_root else []),
         ]  # fmt: skip
         qemu = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        began = time.monotonic()
         timer = threading.Timer(INIT_S, qemu.kill)
         timer.start()
         reached = False
@@ -255,6 +256,7 @@ def boot(kernel: Kernel, packed: Path, shares_root: bool) -> Iterator[str]:
                 line = raw.decode(errors="replace").rstrip("\r\n")
                 if line == "@init":
                     reached = True
+                    yield f"note the kernel reached init after {time.monotonic() - began:.0f} s"
                     timer.cancel()
                     timer = threading.Timer(LIMIT_S, qemu.kill)
                     timer.start()

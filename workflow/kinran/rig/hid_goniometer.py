@@ -26,7 +26,7 @@ from kinran.rig.protocol import (
     Status,
     estop_report,
 )
-from kinran.rig.stopping import undisturbed
+from kinran.rig.stopping import held_back, undisturbed
 from kinran.rig.transport import Handle
 
 TRIES = 4
@@ -333,8 +333,9 @@ class HidGoniometer:
         """Return the next report, or None where none came or it was damaged."""
         with self._lock:
             try:
-                data = bytes(self._handle.read(REPORT, timeout_ms))
-            except OSError:  # unplugged, or a signal came: the control pipe tells which
+                with held_back():
+                    data = bytes(self._handle.read(REPORT, timeout_ms))
+            except OSError:  # unplugged, or a signal came to another thread: the control pipe tells which
                 self._feature(ReportId.STATUS)
                 return None
         try:
@@ -364,7 +365,7 @@ class HidGoniometer:
     def _feature(self, report: ReportId) -> Report:
         """Read a feature and check its CRC: a broken gadget answers with zeros."""
         try:
-            with self._lock:
+            with self._lock, held_back():
                 data = bytes(self._handle.get_feature_report(report, REPORT))
         except (OSError, ValueError):
             raise DisconnectedError(
