@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from kinran.rig import machine
 from kinran.rig.firmware import Firmware
 from kinran.rig.motion import AXES
 from kinran.rig.motion import Four as Axes
@@ -14,10 +15,10 @@ PRODUCT_NAME = "Kinran OGM (emulated)"
 RELEASE = 0x0104
 """Release number of the device, in the decimals of USB: 1.4."""
 HOMING_S = 0.5
-"""Seconds of homing, which the rig states in CONFIG, rounded up."""
+"""Seconds of homing of the quicker rig, which it states in CONFIG, rounded up."""
 QUICKER = 4
-"""Factor on the speed and acceleration of θ against `AXES`, which the rig states in CONFIG; φ is as slow as there, so
-that much can happen in a move of it."""
+"""Factor on the speed and acceleration of θ of the quicker rig, which it states in CONFIG; φ is as slow as in `AXES`,
+so that much can happen in a move of it."""
 FEATURES = (ReportId.IDENT, ReportId.CONFIG, ReportId.STATUS)
 """Features that the rig has; asked for others, it refuses at once."""
 
@@ -33,10 +34,9 @@ class Rig(Firmware):
         Whether the next output report is refused by the USB device (STALL).
     """
 
-    def __init__(self) -> None:
+    def __init__(self, axes: Axes = AXES, homing_s: float = machine.HOMING_S) -> None:
         self.muted = self.refusing = False
-        super().__init__(serial=SERIAL, axes=quicker(AXES), homing_s=HOMING_S)
-        self.release = lambda seconds: self.sync()
+        super().__init__(serial=SERIAL, axes=axes, homing_s=homing_s)
 
     def restart(self) -> None:
         """Restart with the door closed, and forget what was to go wrong."""

@@ -124,7 +124,7 @@ class Device:
         def run() -> int:
             os.close(ours_out)
             with open(theirs_in) as words, open(theirs_out, "w") as answers:  # noqa: PTH123
-                rig_device.serve(link, words, answers)
+                rig_device.Emulator(link).serve(words, answers)
             return 0
 
         self._program = Program(run)
@@ -179,7 +179,8 @@ class Bench:
 
     def fresh(self) -> None:
         """Bring the rig to the state after power-on, with its cable in."""
-        if not self.rig("reboot").plugged:
+        self.rig("fresh real")
+        if not self.rig().plugged:
             self.rig("plug")
         self.seen(True)
 

@@ -37,7 +37,7 @@ class Uhid:
     """Link to the kernel through /dev/uhid."""
 
     def __init__(self, rig: Rig) -> None:
-        self._rig = rig
+        self.rig = rig
         self._file = os.open("/dev/uhid", os.O_RDWR | os.O_CLOEXEC)
         self._plugged = False
 
@@ -70,16 +70,16 @@ class Uhid:
         match struct.unpack_from("<I", event)[0]:
             case Event.OUTPUT:
                 size = struct.unpack_from("<H", event, 4 + DATA)[0]
-                self._rig.on_output(event[4 : 4 + size])
+                self.rig.on_output(event[4 : 4 + size])
             case Event.GET_REPORT:
                 number, report = struct.unpack_from("<IB", event, 4)
-                if self._rig.answers(report):
-                    answer = self._rig.get_feature(report) or b""
+                if self.rig.answers(report):
+                    answer = self.rig.get_feature(report) or b""
                     error = 0 if answer else EIO
                     self._write(struct.pack("<IIHH", Event.GET_REPORT_REPLY, number, error, len(answer)) + answer)
             case Event.SET_REPORT:
                 number, _, _, size = struct.unpack_from("<IBBH", event, 4)
-                error = 0 if self._rig.set_feature(event[12 : 12 + size]) else EIO
+                error = 0 if self.rig.set_feature(event[12 : 12 + size]) else EIO
                 self._write(struct.pack("<IIH", Event.SET_REPORT_REPLY, number, error))
 
     def _write(self, event: bytes) -> None:

@@ -69,7 +69,7 @@ class UsbIp:
     """Link to the kernel through vhci_hcd."""
 
     def __init__(self, rig: Rig) -> None:
-        self._rig = rig
+        self.rig = rig
         self._socket: socket.socket | None = None
         self._waiting: collections.deque[int] = collections.deque()
         self._kept: collections.deque[bytes] = collections.deque(maxlen=KEPT)
@@ -131,17 +131,17 @@ class UsbIp:
             self._done(number, self._kept.popleft())
         elif reads:
             self._waiting.append(number)
-        elif self._rig.refusing:
-            self._rig.refusing = False
+        elif self.rig.refusing:
+            self.rig.refusing = False
             self._done(number, status=STALLED)
         else:
             self._done(number, taken=len(data))
-            self._rig.on_output(data)
+            self.rig.on_output(data)
 
     def _control(self, number: int, setup: bytes, data: bytes) -> None:
         """Handle a transfer on the control endpoint."""
         kind, request, value, _, length = struct.unpack("<BBHHH", setup)
-        if (kind, request) == (0xA1, 1) and not self._rig.answers(value & 0xFF):  # GET_REPORT
+        if (kind, request) == (0xA1, 1) and not self.rig.answers(value & 0xFF):  # GET_REPORT
             self._held.append(number)
             return
         answer = self._answer(kind, request, value, data)
@@ -162,11 +162,11 @@ class UsbIp:
             case 0x81, 6:  # GET_DESCRIPTOR of the interface
                 return {0x21: hid_descriptor(), 0x22: descriptor()}.get(high)
             case 0xA1, 1:  # GET_REPORT
-                return self._rig.get_feature(low)
+                return self.rig.get_feature(low)
             case 0x21, 9 if high == 3:  # SET_REPORT of a feature
-                return b"" if self._rig.set_feature(data) else None
+                return b"" if self.rig.set_feature(data) else None
             case 0x21, 9:  # SET_REPORT of an output report
-                self._rig.on_output(data)
+                self.rig.on_output(data)
                 return b""
             case 0x80, 0:  # GET_STATUS
                 return b"\0\0"

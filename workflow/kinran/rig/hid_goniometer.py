@@ -331,13 +331,7 @@ class HidGoniometer:
 
     def _listen(self, timeout_ms: int) -> Report | None:
         """Return the next report, or None where none came or it was damaged."""
-        with self._lock:
-            try:
-                with held_back():
-                    data = bytes(self._handle.read(REPORT, timeout_ms))
-            except OSError:  # unplugged, or a signal came to another thread: the control pipe tells which
-                self._feature(ReportId.STATUS)
-                return None
+        data = self._read(timeout_ms)
         try:
             report = Report.unpack(data) if data else None
         except ProtocolError:
@@ -345,6 +339,15 @@ class HidGoniometer:
         if report is not None:
             self._learn(report)
         return report
+
+    def _read(self, timeout_ms: int) -> bytes:
+        """Return the bytes of the next report, or none where none came."""
+        try:
+            with self._lock, held_back():
+                return bytes(self._handle.read(REPORT, timeout_ms))
+        except OSError:  # unplugged, or the kernel was disturbed: the control pipe tells which
+            self._feature(ReportId.STATUS)
+            return b""
 
     def _learn(self, report: Report) -> None:
         if self.boot and report.boot != self.boot and report.id != ReportId.REPLY:
@@ -390,13 +393,9 @@ class HidGoniometer:
 
     def _drain(self) -> None:
         """Drop reports that were queued before this host connected."""
-        with self._lock:
-            for _ in range(100):
-                try:
-                    if not self._handle.read(REPORT, 1):
-                        return
-                except OSError:
-                    self._feature(ReportId.STATUS)
+        for _ in range(100):
+            if not self._read(1):
+                return
 
 
 def axes_of(config: Config) -> Four:

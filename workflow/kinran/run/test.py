@@ -16,9 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command: all that it does not know go to pytest, or to the suite."""
     rows = [f"  {name:15}{summary}" for name, (_, summary) in SUITES.items()]
     parser.usage = "kinran test [-h] [WORD …] | kinran test SUITE [WORD …]"
-    parser.epilog = "\n".join(
-        ["Words are passed on to pytest, such as -k merge.", "\nsuites of their own:", *rows]
-    )
+    parser.epilog = "\n".join(["Words are passed on to pytest, such as -k merge.", "\nsuites of their own:", *rows])
 
 
 def main(words: Sequence[str]) -> None:
