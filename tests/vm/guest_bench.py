@@ -19,7 +19,7 @@ from typing import Any
 import rig_device
 
 import kinran.__main__ as command_line
-from kinran.rig.transport import PRODUCT, VENDOR, hid_module
+from kinran.rig.transport import PRODUCT, VENDOR
 
 SOON_S = 20.0
 """Seconds in which what must happen happens, on a loaded machine that computes the guest's instructions."""
@@ -147,7 +147,7 @@ class Device:
 
 
 class Bench:
-    """A rig, the ways to look at it, and the results of the checks.
+    """A rig after power-on, the ways to look at it, and the results of the checks.
 
     Parameters
     ----------
@@ -160,29 +160,17 @@ class Bench:
     ----------
     rig
         The rig: called with words, it obeys and returns its true state.
-    passed, failed
-        Numbers of checks.
     """
 
     def __init__(self, backend: str, link: str) -> None:
         self.backend, self.link = backend, link
-        self.passed = self.failed = 0
         self.rig = Device(link)
         self.seen(True)
 
     def check(self, what: str, passed: object, found: object = "") -> None:
         """Print a check with what was found, on one line."""
-        self.passed += bool(passed)
-        self.failed += not passed
         shown = " | ".join(str(found).split("\n"))[:300]
         print(f"{'ok  ' if passed else 'FAIL'} {self.backend}:{self.link} {what}  {shown}".rstrip(), flush=True)
-
-    def fresh(self) -> None:
-        """Bring the rig to the state after power-on, with its cable in."""
-        self.rig("fresh real")
-        if not self.rig().plugged:
-            self.rig("plug")
-        self.seen(True)
 
     def restarted(self) -> None:
         """Start another process for the rig, after the last one was killed."""
@@ -190,16 +178,22 @@ class Bench:
         self.rig = Device(self.link)
         self.seen(True)
 
-    def seen(self, wanted: bool) -> list[Any]:
-        """Wait until the rig is seen, or is not any more, and return what hidapi lists."""
+    def seen(self, wanted: bool) -> None:
+        """Wait until the kernel sees the rig and udev has dealt with it, or until it does not see it any more.
+
+        This process does not ask libusb, which must not be forked afterwards.
+        """
         until = time.monotonic() + SOON_S
-        while True:
-            found: list[Any] = hid_module().enumerate(VENDOR, PRODUCT)
-            if bool(found) == wanted or time.monotonic() > until:
-                break
+        while self._present() != wanted and time.monotonic() < until:
             time.sleep(POLL_S)
         udevadm("settle")
-        return found
+
+    def _present(self) -> bool:
+        """Return whether the kernel has what the back-end opens."""
+        if self.backend == "hidraw":
+            wanted = f"HID_ID=0003:{VENDOR:08X}:{PRODUCT:08X}"
+            return any(wanted in path.read_text() for path in Path("/sys/class/hidraw").glob("*/device/uevent"))
+        return any(path.read_text() == f"{VENDOR:04x}\n" for path in Path("/sys/bus/usb/devices").glob("*/idVendor"))
 
     def until(self, true: Callable[[Any], object], seconds: float = SOON_S) -> Any:
         """Wait until something is true of the rig, and return its state then, or after some seconds."""

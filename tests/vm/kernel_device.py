@@ -32,7 +32,7 @@ class KernelDevice:
     def __init__(self, handle: Handle, rig: Callable[[str], Any]) -> None:
         self._handle = handle
         self._rig = rig
-        rig("fresh host")
+        rig("fresh")
         while handle.read(REPORT, 20):
             pass
         self._received = 0

@@ -106,9 +106,8 @@ class Emulator:
         match words:
             case ["look"]:
                 pass
-            case ["fresh", clock]:
-                self._link.rig = self._rig(hosts_clock=clock == "host")
-                self._link.rig.plugged = rig.plugged
+            case ["fresh"]:
+                self._link.rig = self._rig(hosts_clock=True)
             case ["pass", seconds]:
                 rig.advance(float(seconds))
             case ["happen", event, axis]:

@@ -64,7 +64,7 @@ def ready(rig: HidGoniometer) -> None:
 def check_handle(bench: Bench) -> None:
     """What `SimulatedHid` and the driver take for granted of hidapi and of the kernel."""
     hidraw = bench.backend == "hidraw"
-    found = bench.seen(True)
+    found = hid_module().enumerate(VENDOR, PRODUCT)
     bench.check("one rig is listed", len(found) == 1 and found[0]["serial_number"] == SERIAL, found)
     usage = found[0]["usage_page"], found[0]["usage"]
     bench.check("the usage is listed by hidraw alone", usage == ((0xFF4B, 1) if hidraw else (0, 0)), usage)
@@ -268,7 +268,8 @@ def check_cable(bench: Bench) -> None:
         bench.rig("inject unplug")
         error = raised(lambda: rig.move(30_000, 0), DisconnectedError)
         bench.check("a cable that is pulled at a command is a disconnect", "cable" in str(error), error)
-    gone = bench.seen(False)
+    bench.seen(False)
+    gone = hid_module().enumerate(VENDOR, PRODUCT)
     bench.check("the rig is not listed any more", gone == [], gone)
     error = raised(lambda: driver().__enter__(), TransportError)
     bench.check("no rig is named with its pair", "1209:0001" in str(error) and "cable" in str(error), error)
@@ -278,13 +279,12 @@ def check_cable(bench: Bench) -> None:
         rig.hello()
         bench.check("plugged in again, it is the same boot", rig.boot == boot, (rig.boot, boot))
         rig.home()
-        moving = bench.kinran("status")  # any program: the second is refused, and the first goes on
-        moving.wait()
         pulled = pull_while_moving(bench, rig, lambda: bench.rig("unplug"))
         bench.check("a cable that is pulled in a move is a disconnect", "disconnected" in str(pulled), pulled)
     error = raised(lambda: rig.ping(), ValueError, RigError)
     bench.check("a driver that was closed stays closed", error, error)
-    bench.fresh()
+    bench.rig("plug")
+    bench.seen(True)
     with driver() as rig:
         ready(rig)
         killed = pull_while_moving(bench, rig, bench.rig.kill)
@@ -304,6 +304,14 @@ def pull_while_moving(bench: Bench, rig: HidGoniometer, pull: Callable[[], objec
     signal.signal(signal.SIGALRM, at)
     signal.setitimer(signal.ITIMER_REAL, 0.5)
     return raised(lambda: rig.move(0, 300_000), DisconnectedError)
+
+
+def lit() -> int:
+    """Light the lamp: a program."""
+    with driver() as rig:
+        rig.hello()
+        rig.lamp(True)
+    return 0
 
 
 def check_commands(bench: Bench) -> None:
@@ -342,12 +350,13 @@ def check_commands(bench: Bench) -> None:
     ended = bench.kinran("home").wait()
     shown = "stall" in ended.out and bench.rig().fault == "NONE"
     bench.check("home shows the fault and clears it", ended.status == 0 and shown, ended)
-    with driver() as rig:
-        rig.hello()
-        rig.lamp(True)
+    Program(lit).wait()
+    lamp = bench.rig().lamp
     ended = bench.kinran("park").wait()
     truth = bench.rig()
-    bench.check("park moves to θ = 0 and puts out the lamp", close_to(truth.pose, (0, 0)) and not truth.lamp, ended)
+    bench.check(
+        "park moves to θ = 0 and puts out the lamp", close_to(truth.pose, (0, 0)) and lamp and not truth.lamp, ended
+    )
     bench.rig("inject hang")
     ended = bench.kinran("move", "5", "5").wait()
     bench.check("a firmware that hangs is a sentence", ended.refused("off and on"), ended)
@@ -446,13 +455,11 @@ def check_ends_of_a_host(bench: Bench) -> None:
     closed = alive and not truth.shutter and truth.fault == "WATCHDOG"
     bench.check("after kill -9 in an exposure the shutter is closed", closed, truth)
     bench.check("and the lamp stays lit", truth.lamp, truth)
-    for name in ("reboot", "unplug"):
+    for word, wanted in (("reboot", "restarted"), ("unplug", "disconnected")):
         program = moving(bench)
-        bench.rig(name)
+        bench.rig(word)
         ended = program.wait()
-        wanted = "restarted" if name == "reboot" else "disconnected"
-        bench.check(f"{name} in a move of the command is a sentence", ended.refused(wanted), ended)
-        bench.fresh()
+        bench.check(f"{word} in a move of the command is a sentence", ended.refused(wanted), ended)
 
 
 def moving(bench: Bench) -> Program:
@@ -533,28 +540,26 @@ CHECKS = {
 """Checks in each set-up; each begins with a rig after power-on."""
 
 
-def run(setup: str) -> None:
-    """Run all checks in a set-up."""
+def run(setup: str, check: Callable[[Bench], None]) -> None:
+    """Run some checks in a set-up, with a rig of their own."""
     backend, link = setup.split(":")
     if backend == "libusb":
         sys.modules["hidraw"] = None  # type: ignore[assignment]
     bench = Bench(backend, link)
-    for check in CHECKS[setup]:
-        began = time.monotonic()
-        try:
-            bench.fresh()
-            check(bench)
-        except Exception as error:
-            where = traceback.extract_tb(error.__traceback__)[1:]
-            lines = ", ".join(f"{Path(frame.filename).name}:{frame.lineno}" for frame in where)
-            bench.check(f"{check.__name__} comes to its end", False, f"{error!r} at {lines}")
-        print(f"note {setup} {check.__name__} took {time.monotonic() - began:.1f} s", flush=True)
+    began = time.monotonic()
+    try:
+        check(bench)
+    except Exception as error:
+        where = traceback.extract_tb(error.__traceback__)[1:]
+        lines = ", ".join(f"{Path(frame.filename).name}:{frame.lineno}" for frame in where)
+        bench.check(f"{check.__name__} comes to its end", False, f"{error!r} at {lines}")
+    print(f"note {setup} {check.__name__} took {time.monotonic() - began:.1f} s of the guest", flush=True)
     bench.rig.kill()
-    print(f"@end {setup}", flush=True)
+    bench.seen(False)
 
 
 def main(setups: Sequence[str]) -> None:
-    """Run the set-ups in turn, each in a fork of this process."""
+    """Run the set-ups in turn."""
     try:
         hid_module()
     except TransportError as error:
@@ -563,12 +568,23 @@ def main(setups: Sequence[str]) -> None:
     os.chdir("/run")
     load_what_users_need()
     for setup in setups:
-        sys.stdout.flush()
-        if pid := os.fork():
-            os.waitpid(pid, 0)
-            continue
-        run(setup)
-        os._exit(0)
+        ended = [forked(setup, check) for check in CHECKS[setup]]
+        if all(ended):
+            print(f"@end {setup}", flush=True)
+
+
+def forked(setup: str, check: Callable[[Bench], None]) -> bool:
+    """Run some checks in a fork of this process, and return whether it came to its end."""
+    sys.stdout.flush()
+    pid = os.fork()
+    if pid:
+        return os.waitpid(pid, 0)[1] == 0
+    try:
+        run(setup, check)
+    except BaseException:
+        traceback.print_exc()
+        os._exit(1)
+    os._exit(0)
 
 
 if __name__ == "__main__":
