@@ -25,6 +25,8 @@ SOON_S = 20.0
 """Seconds in which what must happen happens, on a loaded machine that computes the guest's instructions."""
 POLL_S = 0.01
 """Seconds between two looks."""
+TRIES = 5
+"""Times that udev is asked."""
 NOBODY = 65534
 """Number of the user and group nobody."""
 
@@ -221,9 +223,15 @@ def load_what_users_need() -> None:
 
 
 def udevadm(*words: str) -> None:
-    """Call ``udevadm``, which refuses to work in another root without being told."""
+    """Call ``udevadm``, which refuses to work in another root without being told, until it succeeds.
+
+    While the guest waits for a file of the host its clock runs ahead, so that time-outs of udev come early.
+    """
     environment = os.environ | {"SYSTEMD_IGNORE_CHROOT": "1", "PATH": "/usr/sbin:/usr/bin:/sbin:/bin"}
-    subprocess.run(["udevadm", *words], env=environment, check=True, stdout=subprocess.DEVNULL)
+    for _ in range(TRIES):
+        if subprocess.run(["udevadm", *words], env=environment, check=False).returncode == 0:
+            return
+    raise RuntimeError(f"udevadm {' '.join(words)} failed {TRIES} times")
 
 
 def raised(call: Callable[[], object], *kinds: type[Exception]) -> Exception | None:

@@ -4,6 +4,7 @@
 refused asks for the sentence that a user reads.
 """
 
+import gc
 import os
 import signal
 import stat
@@ -567,6 +568,7 @@ def main(setups: Sequence[str]) -> None:
         return
     os.chdir("/run")
     load_what_users_need()
+    gc.freeze()  # forks then share the memory of what is loaded, instead of copying it
     for setup in setups:
         ended = [forked(setup, check) for check in CHECKS[setup]]
         if all(ended):
