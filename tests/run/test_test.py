@@ -36,9 +36,9 @@ def test_words_go_to_pytest(called: list[list[str]], words: list[str]) -> None:
 
 def test_a_suite_gets_the_words_after_its_name(called: list[list[str]]) -> None:
     with pytest.raises(SystemExit) as end:
-        command_line.main(["test", "rig-vm", "hidraw:uhid", "--root", "copy"])
+        command_line.main(["test", "rig-vm", "hidraw:uhid", "libusb:vhci"])
     assert end.value.code == 3
-    assert called == [[sys.executable, "tests/vm/rig_vm.py", "hidraw:uhid", "--root", "copy"]]
+    assert called == [[sys.executable, "tests/vm/rig_vm.py", "hidraw:uhid", "libusb:vhci"]]
 
 
 def test_the_help_lists_the_suites(capsys: pytest.CaptureFixture[str]) -> None:

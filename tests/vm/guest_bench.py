@@ -25,8 +25,6 @@ SOON_S = 20.0
 """Seconds in which what must happen happens, on a loaded machine that computes the guest's instructions."""
 POLL_S = 0.01
 """Seconds between two looks."""
-TRIES = 5
-"""Times that udev is asked."""
 NOBODY = 65534
 """Number of the user and group nobody."""
 
@@ -216,22 +214,16 @@ class Bench:
         return not after.running and before.pose == after.pose
 
 
-def load_what_users_need() -> None:
-    """Call the command once, so that all its modules are loaded: not every user may read the folder of this Python."""
+def load_commands() -> None:
+    """Call the command once, so that programs that are forked have its modules."""
     with redirect_stdout(StringIO()):
         command_line.main(["rig", "--device", "virtual", "status"])
 
 
 def udevadm(*words: str) -> None:
-    """Call ``udevadm``, which refuses to work in another root without being told, until it succeeds.
-
-    While the guest waits for a file of the host its clock runs ahead, so that time-outs of udev come early.
-    """
+    """Call ``udevadm``, which refuses to work in another root without being told."""
     environment = os.environ | {"SYSTEMD_IGNORE_CHROOT": "1", "PATH": "/usr/sbin:/usr/bin:/sbin:/bin"}
-    for _ in range(TRIES):
-        if subprocess.run(["udevadm", *words], env=environment, check=False).returncode == 0:
-            return
-    raise RuntimeError(f"udevadm {' '.join(words)} failed {TRIES} times")
+    subprocess.run(["udevadm", *words], env=environment, check=True)
 
 
 def raised(call: Callable[[], object], *kinds: type[Exception]) -> Exception | None:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from emulated_rig import HOMING_S, PRODUCT_NAME, SERIAL, quicker
-from guest_bench import Bench, Program, User, close_to, load_what_users_need, raised, udevadm
+from guest_bench import Bench, Program, User, close_to, load_commands, raised, udevadm
 from kernel_device import KernelDevice, conforms
 from rig_scenarios import SCENARIOS
 
@@ -567,7 +567,7 @@ def main(setups: Sequence[str]) -> None:
         print(f"@needs hidapi: {error}")
         return
     os.chdir("/run")
-    load_what_users_need()
+    load_commands()
     gc.freeze()  # forks then share the memory of what is loaded, instead of copying it
     for setup in setups:
         ended = [forked(setup, check) for check in CHECKS[setup]]

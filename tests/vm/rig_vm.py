@@ -7,8 +7,8 @@ set up, which is an error and never a pass.
 
 import argparse
 import compileall
-import importlib.util
 import sys
+import sysconfig
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -62,25 +62,28 @@ class Results:
         return [setup for setup in setups if setup not in self.ended]
 
 
+PYTHON = Path(sys.executable).resolve()
+"""The interpreter itself: a copied root has no virtual environment."""
+PACKAGES = Path(sysconfig.get_paths()["purelib"])
+"""Folder of the packages, hidapi's among them."""
+
+
 def copied() -> list[Path]:
-    """Return what a guest without the files of this machine needs: Python, hidapi, the library and the checks."""
-    files = [Path(sys.executable).resolve(), Path(sys.base_prefix) / "lib" / f"python3.{sys.version_info[1]}"]
-    for name in ("hid", "hidraw", "msgspec", "typing_extensions", "kinran"):
-        spec = importlib.util.find_spec(name)
-        assert spec is not None
-        assert spec.origin is not None
-        origin = Path(spec.origin)
-        files.append(origin.parent if origin.name == "__init__.py" else origin)
-    libraries = Path(files[2]).parent / "hidapi.libs"
+    """Return what the guest needs: Python, hidapi, udev, the library and the checks."""
+    python = [PYTHON, Path(sys.base_prefix) / "lib" / f"python3.{sys.version_info[1]}"]
+    packages = [path for name in ("hid", "msgspec", "typing_extensions") for path in PACKAGES.glob(f"{name}*")]
+    # libusb's strings are read with iconv, which is a part of glibc that no program is linked with
     gconv = [path for path in Path("/usr/lib").glob("*/gconv/*") if path.name.startswith(("gconv-modules", "UTF-16"))]
-    return [*files, libraries, *gconv, HERE, ROOT / "tests" / "helpers"]
+    udev = [
+        Path(name) for name in ("/bin/udevadm", "/lib/systemd/systemd-udevd", "/lib/udev/rules.d/50-udev-default.rules")
+    ]
+    return [*python, *packages, *gconv, *udev, ROOT / "workflow" / "kinran", ROOT / "tests" / "helpers", HERE]
 
 
 def main(words: Sequence[str]) -> int:
     """Run the checks in the set-ups that are named, or in all; returns the exit status."""
     parser = argparse.ArgumentParser(prog="kinran test rig-vm", description=__doc__)
     parser.add_argument("setups", nargs="*", metavar="SETUP", help=f"{', '.join(SETUPS)}; all by default")
-    parser.add_argument("--root", choices=["9p", "copy"], default="9p", help="how the guest gets its files")
     args = parser.parse_args(words)
     if unknown := set(args.setups) - set(SETUPS):
         parser.error(f"unknown set-up {' '.join(sorted(unknown))}; known are {', '.join(SETUPS)}")
@@ -90,13 +93,12 @@ def main(words: Sequence[str]) -> int:
     try:
         install_tools()
         found = kernel()
-        # the guest may not write what it compiles, and takes seconds for it
+        # the guest takes seconds for it
         compileall.compile_dir(ROOT / "workflow" / "kinran", quiet=2)
         compileall.compile_dir(HERE, quiet=2)
-        files = copied() if args.root == "copy" else []
-        with initramfs(found, [program(setups)], files) as packed:
+        with initramfs(found, [program(setups)], copied()) as packed:
             prepared = time.monotonic()
-            for line in boot(found, packed, shares_root=not files):
+            for line in boot(found, packed):
                 if shown := results.take(line):
                     print(shown, flush=True)
     except SetupError as error:
@@ -112,9 +114,9 @@ def main(words: Sequence[str]) -> int:
 
 def program(setups: Sequence[str]) -> str:
     """Return the line of shell that runs the checks of some set-ups."""
-    path = ":".join(str(folder) for folder in (ROOT / "workflow", ROOT / "tests" / "helpers"))
+    path = ":".join(str(folder) for folder in (ROOT / "workflow", ROOT / "tests" / "helpers", PACKAGES))
     environment = f"HOME=/run TMPDIR=/run PYTHONDONTWRITEBYTECODE=1 PYTHONPATH={path}"
-    return f"{environment} {sys.executable} {HERE / 'rig_guest.py'} {' '.join(setups)}"
+    return f"{environment} {PYTHON} {HERE / 'rig_guest.py'} {' '.join(setups)}"
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ def verdict(monkeypatch: pytest.MonkeyPatch, lines: list[str]) -> int:
     monkeypatch.setattr(rig_vm, "install_tools", lambda: None)
     monkeypatch.setattr(rig_vm, "kernel", lambda: Kernel("linux", Path("vmlinux"), []))
     monkeypatch.setattr(rig_vm, "initramfs", packed)
-    monkeypatch.setattr(rig_vm, "boot", lambda *_, **__: iter(lines))
+    monkeypatch.setattr(rig_vm, "boot", lambda *_: iter(lines))
     return rig_vm.main([])
 
 
@@ -68,7 +68,7 @@ def test_a_guest_that_does_not_boot_is_no_pass(
     qemu.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
     with pytest.raises(SetupError, match=r"linux does not reach init .*no memory"):
-        list(virtual_machine.boot(Kernel("linux", tmp_path, []), tmp_path, shares_root=True))
+        list(virtual_machine.boot(Kernel("linux", tmp_path, []), tmp_path))
 
 
 class Host:

@@ -1,7 +1,9 @@
 """A virtual machine with Debian's kernel, in which a program of this machine runs as root.
 
-QEMU computes the guest's instructions itself (TCG): that is slow, and works without KVM. The kernel is downloaded,
-never installed. The guest sees the files of this machine read-only over 9p, or a copy of those that it needs.
+QEMU computes the guest's instructions itself (TCG): that is slow, and works without KVM. The guest's clock follows the
+number of its instructions, and jumps ahead where it has nothing to do. So a loaded machine makes it slow and does not
+make time-outs come early; and the guest has a copy of all files that it needs, since it would not notice the time that
+it waits for a file of this machine. The kernel is downloaded, never installed.
 """
 
 import lzma
@@ -30,7 +32,7 @@ TOOLS = {
     "udevadm": "udev",
 }
 """Programs that the virtual machine is made with, and Debian's packages of them."""
-MODULES = ("virtio_pci", "9pnet_virtio", "9p", "uhid", "hid-generic", "usbhid", "vhci-hcd")
+MODULES = ("uhid", "hid-generic", "usbhid", "vhci-hcd")
 """Kernel modules that the guest loads, with those that they depend on."""
 MEMORY_MB = 768
 """Memory of the guest: four times what it was seen to use; a copied root takes 60 MB of it."""
@@ -47,7 +49,6 @@ $B mount -t proc p /proc; $B mount -t sysfs s /sys; $B mount -t devtmpfs d /dev
 exec >/dev/ttyS1 2>&1
 for m in /modules/*.ko; do $B insmod $m || echo "@needs the kernel to load $m; delete {cache}"; done
 echo "@init"
-{mount}
 $B mount --bind /dev /root/dev; $B mount -t proc p /root/proc; $B mount -t sysfs s /root/sys
 $B mount -t tmpfs r /root/run; $B mkdir -p /root/run/udev/rules.d
 export SYSTEMD_IGNORE_CHROOT=1 PATH=/usr/sbin:/usr/bin:/sbin:/bin
@@ -55,11 +56,7 @@ $B chroot /root /lib/systemd/systemd-udevd --daemon || echo "@needs udevd, which
 {programs}
 $B sync; $B poweroff -f
 """
-"""First program of the guest: it loads the modules, mounts the root, starts udevd, and runs the programs."""
-MOUNT_9P = (
-    "$B mount -t 9p -o trans=virtio,version=9p2000.L,ro,cache=loose,msize=512000 root /root"
-    ' || echo "@needs 9p, which this QEMU or kernel lacks; run it with --root copy"'
-)
+"""First program of the guest: it loads the modules, starts udevd in the copied root, and runs the programs there."""
 
 
 class SetupError(Exception):
@@ -84,7 +81,7 @@ def install_tools() -> None:
         Something is missing and cannot be installed.
     """
     if platform.system() != "Linux" or platform.machine() != "x86_64":
-        raise SetupError("the virtual machine shares its files with an x86-64 Linux; run it on one")
+        raise SetupError("the virtual machine runs copies of the programs of an x86-64 Linux; run it on one")
     missing = sorted({package for tool, package in TOOLS.items() if not _has(tool)})
     if not missing:
         return
@@ -167,7 +164,7 @@ def _uncompressed(image: bytes) -> bytes:
 
 
 @contextmanager
-def initramfs(kernel: Kernel, programs: Sequence[str], copied: Sequence[Path] = ()) -> Iterator[Path]:
+def initramfs(kernel: Kernel, programs: Sequence[str], copied: Sequence[Path]) -> Iterator[Path]:
     """Make the file system in memory that the guest boots from, for as long as the block lasts.
 
     Parameters
@@ -175,9 +172,9 @@ def initramfs(kernel: Kernel, programs: Sequence[str], copied: Sequence[Path] = 
     kernel
         Kernel whose modules go in.
     programs
-        Lines of shell that run in turn, in the root of this machine.
+        Lines of shell that run in turn, in the guest's root.
     copied
-        Files and folders to copy into the guest's root; if there are none, it is this machine's over 9p.
+        Files and folders to copy into the guest's root, with the libraries that they are linked with.
     """
     with tempfile.TemporaryDirectory(prefix="kinran-vm-") as work:
         folder = Path(work) / "root"
@@ -188,10 +185,9 @@ def initramfs(kernel: Kernel, programs: Sequence[str], copied: Sequence[Path] = 
             shutil.copy(module, folder / "modules")
         for path in copied:
             _copy(path, folder / "root")
-        if copied:
-            _furnish(folder / "root")
+        _furnish(folder / "root")
         runs = "\n".join(f"$B chroot /root /bin/sh -c '{line}'" for line in programs)
-        text = INIT.format(mount="" if copied else MOUNT_9P, programs=runs, cache=CACHE)
+        text = INIT.format(programs=runs, cache=CACHE)
         (folder / "init").write_text(text)
         (folder / "init").chmod(0o755)
         packed = Path(work) / "initramfs"
@@ -226,7 +222,7 @@ def _furnish(root: Path) -> None:
     shutil.copy(shutil.which("busybox", path=SEARCH) or "", root / "bin" / "sh")
 
 
-def boot(kernel: Kernel, packed: Path, shares_root: bool) -> Iterator[str]:
+def boot(kernel: Kernel, packed: Path) -> Iterator[str]:
     """Boot the guest and yield the lines that its programs print.
 
     Raises
@@ -234,7 +230,6 @@ def boot(kernel: Kernel, packed: Path, shares_root: bool) -> Iterator[str]:
     SetupError
         The kernel did not reach init.
     """
-    share = ["-virtfs", "local,path=/,mount_tag=root,security_model=none,readonly=on,multidevs=remap"]
     with tempfile.TemporaryDirectory(prefix="kinran-vm-") as work:
         console = Path(work) / "console"
         command = [
@@ -243,7 +238,7 @@ def boot(kernel: Kernel, packed: Path, shares_root: bool) -> Iterator[str]:
             "-nodefaults", "-no-user-config", "-no-reboot", "-display", "none",
             "-kernel", str(kernel.image), "-initrd", str(packed),
             "-append", "console=ttyS0 quiet panic=-1 reboot=t mitigations=off random.trust_cpu=on nokaslr",
-            "-serial", f"file:{console}", "-serial", "file:/dev/stdout", *(share if shares_root else []),
+            "-serial", f"file:{console}", "-serial", "file:/dev/stdout",
         ]  # fmt: skip
         began = time.monotonic()
         pipe = subprocess.PIPE
