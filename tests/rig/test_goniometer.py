@@ -1,5 +1,6 @@
 """The driver against the simulated rig: the faults of docs/rig.md, on both back-ends."""
 
+import signal
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -130,6 +131,34 @@ def test_a_host_that_comes_back_at_once_stops_what_runs(rig: HidGoniometer, firm
     assert not firmware.shutter_open
     again.home()
     again.move(10_000, 0)
+
+
+def test_a_signal_waits_for_the_end_of_a_call(firmware: Firmware) -> None:
+    """In a call of the kernel it would make hidapi fail, as if the rig were gone."""
+    ticks: list[int] = []
+
+    class Disturbed(SimulatedHid):
+        def _tick(self) -> None:
+            before = len(ticks)
+            signal.raise_signal(signal.SIGUSR1)  # to this thread
+            assert len(ticks) == before
+
+        def read(self, max_length: int, timeout_ms: int = 0) -> list[int]:
+            self._tick()
+            return super().read(max_length, timeout_ms)
+
+        def get_feature_report(self, report_num: int, max_length: int) -> list[int]:
+            self._tick()
+            return super().get_feature_report(report_num, max_length)
+
+    old = signal.signal(signal.SIGUSR1, lambda number, frame: ticks.append(number))
+    try:
+        rig = HidGoniometer(Disturbed(firmware), lambda: firmware.clock, live=False)
+        rig.hello()
+        rig.home()
+    finally:
+        signal.signal(signal.SIGUSR1, old)
+    assert len(ticks) > 5
 
 
 def test_lost_events_do_not_lose_the_end_of_a_job(rig: HidGoniometer, firmware: Firmware) -> None:

@@ -77,6 +77,12 @@ def test_no_permission_says_how_to_get_it(hidapi: list[dict[str, Any]], monkeypa
         open_hid()
 
 
+def test_a_rig_that_libusb_may_not_open_has_no_serial_number(hidapi: list[dict[str, Any]]) -> None:
+    hidapi.append(rig(""))
+    with pytest.raises(TransportError, match="install-udev"):
+        open_hid("OGM-1")
+
+
 def test_another_packages_hid_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """PyPI's ``hid`` has ``Device`` and no ``device``."""
     other: Any = types.ModuleType("hid")
@@ -105,6 +111,12 @@ def test_two_programs_of_any_user_or_setting(monkeypatch: pytest.MonkeyPatch, tm
         with rig_lock(bytes(other), "OGM-2"):
             pass
     with rig_lock(bytes(node), "OGM-1"):
+        pass
+
+
+def test_a_rig_that_is_unplugged_before_it_is_locked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(transport, "NODES", f"{tmp_path}/".encode())
+    with pytest.raises(TransportError, match="disconnected"), rig_lock(bytes(tmp_path / "hidraw0"), "OGM-1"):
         pass
 
 

@@ -27,7 +27,7 @@ from kinran.rig.protocol import (
     Status,
     estop_report,
 )
-from kinran.rig.stopping import undisturbed
+from kinran.rig.stopping import held_back, undisturbed
 from kinran.rig.transport import Handle
 
 TRIES = 4
@@ -334,12 +334,7 @@ class HidGoniometer:
 
     def _listen(self, timeout_ms: int) -> Report | None:
         """Return the next report, or None where none came or it was damaged."""
-        with self._lock:
-            try:
-                data = bytes(self._handle.read(REPORT, timeout_ms))
-            except OSError:  # unplugged, or a signal came: the control pipe tells which
-                self._feature(ReportId.STATUS)
-                return None
+        data = self._read(timeout_ms)
         try:
             report = Report.unpack(data) if data else None
         except ProtocolError:
@@ -347,6 +342,15 @@ class HidGoniometer:
         if report is not None:
             self._learn(report)
         return report
+
+    def _read(self, timeout_ms: int) -> bytes:
+        """Return the bytes of the next report, or none where none came."""
+        try:
+            with self._lock, held_back():
+                return bytes(self._handle.read(REPORT, timeout_ms))
+        except OSError:  # unplugged, or the kernel was disturbed: the control pipe tells which
+            self._feature(ReportId.STATUS)
+            return b""
 
     def _learn(self, report: Report) -> None:
         if self.boot and report.boot != self.boot and report.id != ReportId.REPLY:
@@ -367,7 +371,7 @@ class HidGoniometer:
     def _feature(self, report: ReportId) -> Report:
         """Read a feature and check its CRC: a broken gadget answers with zeros."""
         try:
-            with self._lock:
+            with self._lock, held_back():
                 data = bytes(self._handle.get_feature_report(report, REPORT))
         except (OSError, ValueError):
             raise DisconnectedError(
@@ -392,13 +396,9 @@ class HidGoniometer:
 
     def _drain(self) -> None:
         """Drop reports that were queued before this host connected."""
-        with self._lock:
-            for _ in range(100):
-                try:
-                    if not self._handle.read(REPORT, 1):
-                        return
-                except OSError:
-                    self._feature(ReportId.STATUS)
+        for _ in range(100):
+            if not self._read(1):
+                return
 
 
 def axes_of(config: Config) -> Four:

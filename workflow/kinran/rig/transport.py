@@ -28,6 +28,8 @@ NODES = b"/dev/"
 """Folder of the nodes of devices."""
 UDEV_RULE = "70-kinran-rig.rules"
 """File of the rule in docs/rig.md that lets users open the rig."""
+ACCESS = "run `kinran rig install-udev` and reconnect the rig, or end the program that holds it"
+"""Remedy where a rig cannot be opened: hidapi does not tell why."""
 Backend = Literal["hidraw", "libusb"]
 
 
@@ -105,6 +107,8 @@ def open_hid(serial: str | None = None, vendor: int = VENDOR, product: int = PRO
     fitting = [info for info in found if serial in (None, info["serial_number"])]
     if not found:
         raise TransportError(f"no rig ({pair}) is connected; check its cable and power")
+    if not fitting and not all(info["serial_number"] for info in found):  # libusb reads none where it may not open
+        raise TransportError(f"the serial number of a rig ({pair}) cannot be read; {ACCESS}")
     if not fitting:
         raise TransportError(f"no rig ({pair}) has the serial number {serial}; connected: {names}")
     if len(fitting) > 1:
@@ -113,10 +117,8 @@ def open_hid(serial: str | None = None, vendor: int = VENDOR, product: int = PRO
     try:
         device.open_path(fitting[0]["path"])
     except OSError:
-        raise TransportError(
-            f"the rig at {fitting[0]['path'].decode(errors='replace')} cannot be opened;"
-            " run `kinran rig install-udev` and reconnect the rig, or end the program that holds it"
-        ) from None
+        where = fitting[0]["path"].decode(errors="replace")
+        raise TransportError(f"the rig at {where} cannot be opened; {ACCESS}") from None
     return Opened(device, fitting[0]["path"], fitting[0]["serial_number"])
 
 
@@ -142,7 +144,10 @@ def rig_lock(path: bytes, serial: str) -> Iterator[None]:
     if fcntl is None or not path.startswith(NODES):
         yield
         return
-    node = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        node = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:
+        raise TransportError(f"the rig {serial} is disconnected; check its cable and power") from None
     try:
         fcntl.flock(node, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

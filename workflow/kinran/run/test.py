@@ -1,4 +1,4 @@
-"""Run the project's tests: library, plugin, workflow and faults, and the style checks."""
+"""Run the project's tests: library, plugin, workflow and faults, and the style checks; or a suite of its own."""
 
 import argparse
 import os
@@ -8,14 +8,25 @@ from collections.abc import Sequence
 
 from kinran.base.project import ROOT
 
+SUITES = {"rig-vm": ("tests/vm/rig_vm.py", "the rig's driver and commands on a Linux kernel in a virtual machine")}
+"""Suites of their own, which need more than Python: the program of each, and what it tests."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the command: all that it does not know go to pytest."""
-    parser.epilog = "Everything else is passed on to pytest, such as -k merge."
+    """Arguments of the command: all that it does not know go to pytest, or to the suite."""
+    rows = [f"  {name:15}{summary}" for name, (_, summary) in SUITES.items()]
+    parser.usage = "kinran test [-h] [WORD …] | kinran test SUITE [WORD …]"
+    parser.epilog = "\n".join(["Words are passed on to pytest, such as -k merge.", "\nsuites of their own:", *rows])
 
 
 def main(words: Sequence[str]) -> None:
-    """Run pytest with these words in the project's root; exits with its status."""
+    """Run pytest, or the suite that the first word names, with these words in the project's root.
+
+    Exits with its status.
+    """
     # threads of BLAS that wait for each other over small matrices take longer than one
     settings = {"OMP_NUM_THREADS": "1", **os.environ}
-    sys.exit(subprocess.run([sys.executable, "-m", "pytest", *words], cwd=ROOT, env=settings, check=False).returncode)
+    program = ["-m", "pytest", *words]
+    if words and words[0] in SUITES:
+        program = [SUITES[words[0]][0], *words[1:]]
+    sys.exit(subprocess.run([sys.executable, *program], cwd=ROOT, env=settings, check=False).returncode)
