@@ -16,10 +16,8 @@ import zlib
 
 JSON_LINE = re.compile(rb"\n([ \t]{32})\n\Z")
 """Last line of a JSON file that has a checksum."""
-COMMENT = re.compile(rb"^[^\n]*kinran:crc32 ([0-9a-f]{8})[^\n]*\n", re.MULTILINE)
-"""Line of a text file, or of the header of a PLY, that has a checksum."""
-REMEDY = "does not match its checksum: restore it or make it again"
-"""What an error says of a damaged file."""
+MARK = b"kinran:crc32 "
+"""What stands before the eight hexadecimal digits of a checksum in a comment."""
 
 
 def json_line(body: bytes) -> bytes:
@@ -43,5 +41,8 @@ def comment(*bodies: bytes) -> str:
 
 def comment_damaged(data: bytes) -> bool:
     """Return whether the bytes of a file contradict the checksum in a comment; never where they have none."""
-    line = COMMENT.search(data)
-    return line is not None and comment(data[: line.start()], data[line.end() :]).encode() not in line[0]
+    mark = data.find(MARK)
+    if mark < 0:
+        return False
+    first, last = data.rfind(b"\n", 0, mark) + 1, data.find(b"\n", mark) + 1 or len(data)
+    return comment(data[:first], data[last:]).encode() != data[mark : mark + len(MARK) + 8]

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from kinran.base.checksums import json_damaged, json_line
+from kinran.base.checksums import comment_damaged, json_damaged, json_line
 
 T = TypeVar("T")
 
@@ -88,6 +88,21 @@ def read_json(path: Path) -> Any:
         raise InputError(f"{path}: no such file") from None
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: is not valid JSON ({error}); make it again") from None
+
+
+def check_comment(path: Path) -> None:
+    """Check a text file or a PLY against the checksum in its comment (`kinran.base.checksums`), where it has one.
+
+    Raises
+    ------
+    InputError
+        The file does not match it.
+    """
+    if comment_damaged(path.read_bytes()):
+        raise InputError(
+            f"{path}: does not match its checksum; restore it or make it again, or delete the line with kinran:crc32 if"
+            " it was edited on purpose"
+        )
 
 
 def read_as(path: Path, kind: type[T], what: str, remedy: str = "make it again") -> T:

@@ -166,7 +166,9 @@ class Stack(Metadata):
             radiance, flags = (array[first:last, y0:y1, x0:x1] for array in self._arrays)
         except Exception as error:  # Zarr and its codecs raise errors of any kind on a broken shard
             where = self._damaged(use, (y0, y1, x0, x1)) or self.path
-            raise InputError(f"{where}: is damaged ({error}); delete it, and snakemake merges its group again") from None
+            raise InputError(
+                f"{where}: is damaged ({error}); delete it, and snakemake merges its group again"
+            ) from None
         return np.asarray(radiance, np.float16)[use - first], np.asarray(flags, np.uint8)[use - first]
 
     def _damaged(self, lights: NDArray[np.intp], box: Box) -> Path | None:

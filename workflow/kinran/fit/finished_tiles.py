@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran.base.files import atomic
+from kinran.base.npz import read_npz
 from kinran.data.radiance_stack import Box
 
 Arrays = dict[str, NDArray[np.floating]]
@@ -53,8 +54,7 @@ class Finished:
 
     def read(self, box: Box) -> Arrays:
         """Arrays of a finished tile."""
-        with np.load(self._path(box)) as data:
-            return {name: data[name] for name in data.files}
+        return read_npz(self._path(box))
 
     def clear(self) -> None:
         """Remove all tiles, once the result is written."""
