@@ -26,7 +26,7 @@ def checksums(attributes: Mapping[str, str], channels: Mapping[str, Map]) -> dic
     for name in sorted(channels):
         height, width = channels[name].shape
         size = zlib.crc32(f"{height} {width}\n".encode())
-        found[name] = zlib.crc32(np.ascontiguousarray(channels[name], "<f4"), size)
+        found[name] = zlib.crc32(np.ascontiguousarray(channels[name], "<f4").data, size)
     return {name: f"{checksum:08x}" for name, checksum in found.items()}
 
 

@@ -1,8 +1,8 @@
 """EXR files with channels by name, and with a checksum in the header that tells flipped bits.
 
-The attribute ``kinran:crc32`` is JSON: for each channel the CRC-32 of its size as text and its float32 values, and under
-``kinran:`` that of all other attributes of this prefix that are text. `kinran_bsdf.checksum` writes and checks the same
-in the plugin, which is installed alone; a test holds the two together.
+The attribute ``kinran:crc32`` is JSON: for each channel the CRC-32 of its size as text and its float32 values, and
+under ``kinran:`` that of all other attributes of this prefix that are text. `kinran_bsdf.checksum` writes and checks
+the same in the plugin, which is installed alone; a test holds the two together.
 """
 
 import json
@@ -141,7 +141,7 @@ def _of_size(height: int, width: int) -> int:
 
 
 def _of_channel(plane: Image) -> str:
-    return f"{zlib.crc32(np.ascontiguousarray(plane, '<f4'), _of_size(*plane.shape)):08x}"
+    return f"{zlib.crc32(np.ascontiguousarray(plane, '<f4').data, _of_size(*plane.shape)):08x}"
 
 
 def _stated(path: Path, texts: Mapping[str, str]) -> dict[str, str]:

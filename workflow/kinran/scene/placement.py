@@ -14,7 +14,8 @@ def uv_size(mesh: Path) -> tuple[float, float]:
     Raises
     ------
     InputError
-        The mesh is missing, unreadable, does not match its checksum, or has no texture coordinates; without them a weave has no direction.
+        The mesh is missing, unreadable, does not match its checksum, or has no texture coordinates; without them a
+        weave has no direction.
     """
     if not mesh.is_file():
         raise InputError(f"{mesh}: no such file; make it with kinran mesh")
