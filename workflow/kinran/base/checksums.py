@@ -5,7 +5,7 @@ zlib, which Python has and the compiled plugin can compute in a few lines.
 
 * JSON has no comments, and others read its keys; so its last line is white space: 32 blanks and tabs, which are the
   bits of the checksum of all lines before.
-* A PLY or XML file has a comment ``kinran:crc32 1a2b3c4d``: the checksum of all its other lines.
+* A PLY, XML or HTML file has a comment ``kinran:crc32 1a2b3c4d``: the checksum of all its other lines.
 * An EXR has the attribute ``kinran:crc32`` (`kinran.base.exr`).
 
 A file without a checksum was written by hand or by another program, and is read as it is.
