@@ -15,6 +15,9 @@ from kinran_bsdf.arrays import Map
 
 NAME = "kinran:crc32"
 """Attribute with the checksums."""
+ROWS = 16
+"""Rows that are looked at together: channels that are views of the same pixels then stay in the processor's cache, which
+takes a third of the time (of 26 channels of 960 × 960)."""
 PREFIX = "kinran:"
 """Prefix of the attributes that have a checksum, and the key of their checksum."""
 
@@ -24,9 +27,10 @@ def checksums(attributes: Mapping[str, str], channels: Mapping[str, Map]) -> dic
     lines = [f"{name}={attributes[name]}\n" for name in sorted(attributes) if name != NAME]
     found = {PREFIX: zlib.crc32("".join(lines).encode())}
     for name in sorted(channels):
-        height, width = channels[name].shape
-        size = zlib.crc32(f"{height} {width}\n".encode())
-        found[name] = zlib.crc32(np.ascontiguousarray(channels[name], "<f4").data, size)
+        found[name] = zlib.crc32("{} {}\n".format(*channels[name].shape).encode())
+    for first in range(0, max((len(plane) for plane in channels.values()), default=0), ROWS):
+        for name, plane in channels.items():
+            found[name] = zlib.crc32(np.ascontiguousarray(plane[first : first + ROWS], "<f4").data, found[name])
     return {name: f"{checksum:08x}" for name, checksum in found.items()}
 
 

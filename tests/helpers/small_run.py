@@ -39,7 +39,7 @@ def write_run(folder: Path, fabric: str = "swatch") -> Path:
     for name in ("calibration", "evaluation", "need", "fit/prior", "fit/slope"):
         write_json(results / f"{name}.json", {"fabric": fabric, "values": rng.random(40).tolist()})
     x, y = (part.ravel() for part in np.meshgrid(np.arange(5.0), np.arange(5.0)))
-    corners = np.array([[k, k + 1, k + 6] for k in range(19) if k % 5 < 4])
+    corners = np.array([[k, k + 1 + 5 * turn, k + 6 - turn] for k in range(19) if k % 5 < 4 for turn in (0, 1)])
     vertices = np.stack([x, y, 0 * x], -1)
     write_mesh(results / "scene" / "mesh.ply", vertices, corners, vertices[:, :2])
     write_scan(results / "scan.ply", vertices, corners)
