@@ -16,8 +16,8 @@ from kinran_bsdf.arrays import Map
 NAME = "kinran:crc32"
 """Attribute with the checksums."""
 ROWS = 16
-"""Rows that are looked at together: channels that are views of the same pixels then stay in the processor's cache, which
-takes a third of the time (of 26 channels of 960 × 960)."""
+"""Rows that are looked at together: channels that are views of the same pixels then stay in the processor's cache,
+which takes a third of the time (of 26 channels of 960 × 960)."""
 PREFIX = "kinran:"
 """Prefix of the attributes that have a checksum, and the key of their checksum."""
 
