@@ -2,7 +2,7 @@
 
 import logging
 import shlex
-from collections.abc import Iterable
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -56,11 +56,10 @@ def _verify(name: str) -> list[Fault]:
     return faults
 
 
-def _with_progress(name: str, folders: list[Path]) -> Iterable[Checked]:
-    capture, results = folders
-    total = sum(path.is_file() for folder in folders for path in folder.rglob("*"))
-    yield from progress(check_capture(capture), f"{name}: captures, of at most", "files", total)
-    yield from progress(check_results(results), f"{name}: results, of at most", "files", total)
+def _with_progress(name: str, folders: list[Path]) -> Iterator[Checked]:
+    for folder, check in zip(folders, (check_capture, check_results), strict=True):
+        total = sum(path.is_file() for path in folder.rglob("*"))
+        yield from progress(check(folder), f"{name}: {folder.parent}", "files", total)
 
 
 def remedy(faults: list[Fault]) -> str:
