@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from kinran.base.exr import read_exr_with_header
+from kinran.base.exr import read_exr
 from kinran.base.files import InputError, read_json, write_json
 from kinran.base.log import progress
 from kinran.bracket.shots import read_bracket, read_manifest
@@ -169,11 +169,6 @@ def _read_labels(path: Path) -> object:
     return labels, read_second(path, labels)
 
 
-def _read_maps(path: Path) -> object:
-    channels, header = read_exr_with_header(path)
-    return channels, {name: value for name, value in header.items() if name.startswith("kinran:")}
-
-
 def _read_frame(path: Path) -> object:
     """Read the shot of a frame, as the merge does."""
     capture = next(folder for folder in path.parents if folder.parent.name == "captures")
@@ -198,7 +193,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "stack": _read_shard,
     "material": read_material,
     "labels": _read_labels,
-    "maps": _read_maps,
+    "maps": read_exr,
     "frames": _read_frame,
     "json": _read_json,
     "meshes": _read_mesh,

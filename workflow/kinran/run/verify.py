@@ -32,10 +32,9 @@ def main(fabrics: Annotated[tuple[str, ...], "FABRIC", "names of fabrics (defaul
 
 
 def _here() -> list[str]:
-    """Return the names of the fabrics that have a capture or results in the current folder."""
-    plans = (path.parent.name for path in Path("captures").glob("*/plan.json"))
-    results = (path.parent.name for path in Path("results").glob("*/calibration.json"))
-    return sorted(name for name in {*plans, *results} if NAME.fullmatch(name))
+    """Return the names of all captures and results in the current folder."""
+    found = {path.name for folder in ("captures", "results") for path in Path(folder).glob("*") if path.is_dir()}
+    return sorted(name for name in found if NAME.fullmatch(name))
 
 
 def _verify(name: str) -> list[Fault]:
