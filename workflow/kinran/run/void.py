@@ -5,6 +5,7 @@ and `zarr.json`, which completes a stack, and not that a shard is gone. The rule
 """
 
 import logging
+from collections.abc import Iterable
 from pathlib import Path
 
 from kinran.base.files import InputError, read_json
@@ -26,27 +27,24 @@ def remove_void(results: Path) -> None:
 def void(results: Path) -> list[tuple[Path, Path]]:
     """Return the void files of a fabric's folder, each with a shard that is gone.
 
-    They are receipts of merge jobs, and the ``zarr.json`` of stacks that lack a shard of no receipt. Damaged files are
-    left to the stages that read them.
+    They are receipts of merge jobs, and the ``zarr.json`` of stacks: without the latter Snakemake would not miss a
+    receipt, as what is made from it is there. Damaged files are left to the stages that read them.
     """
     stack, coarse = results / "radiance.zarr", results / "needed" / "radiance.zarr"
     found: list[tuple[Path, Path]] = []
-    merged: set[int] = set()
     for path in sorted((results / "merged").glob("*.json")):
         try:
             shards = read_receipt(path).shards
         except InputError:
             continue
-        merged.update(shards)
         found += [(path, gone) for gone in _gone(stack, shards)[:1]]
-    for folder, others in ((stack, merged), (coarse, set[int]())):
-        count = _shards(folder)
-        found += [(folder / "zarr.json", gone) for gone in _gone(folder, set(range(count)) - others)[:1]]
+    for folder in (stack, coarse):
+        found += [(folder / "zarr.json", gone) for gone in _gone(folder, range(_shards(folder)))[:1]]
     return found
 
 
-def _gone(stack: Path, shards: set[int] | tuple[int, ...]) -> list[Path]:
-    paths = (shard_path(stack, name, shard) for shard in sorted(shards) for name in NAMES)
+def _gone(stack: Path, shards: Iterable[int]) -> list[Path]:
+    paths = (shard_path(stack, name, shard) for shard in shards for name in NAMES)
     return [path for path in paths if not path.is_file()]
 
 
