@@ -185,8 +185,8 @@ def _read_json(path: Path) -> Any:
 
 
 def _read_mesh(path: Path) -> object:
-    check_scan(path)
-    return path.read_bytes() if path.name == "scan.ply" else (uv_size(path), path.read_bytes())
+    read = check_scan if path.name == "scan.ply" else uv_size
+    return read(path), path.read_bytes()
 
 
 READERS: dict[str, Callable[[Path], object]] = {
