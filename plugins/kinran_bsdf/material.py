@@ -1,18 +1,22 @@
 """The material file: maps of a fitted fabric in one multichannel EXR, read and written with Mitsuba alone."""
 
 import json
+import logging
 import os
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from kinran_bsdf import checksum
 from kinran_bsdf.arrays import Array, Map, mi
 from kinran_bsdf.models import MODELS, TAILS, Model
 from kinran_bsdf.residual import Residual
 from kinran_bsdf.residual import channel_names as residual_names
+
+log = logging.getLogger(__name__)
 
 VERSION = "1"
 """Version of the file; another one is refused."""
@@ -128,13 +132,13 @@ def channel_names(model: Model, residual: Residual | None = None) -> list[str]:
 
 
 def read_material(path: str | os.PathLike[str]) -> Material:
-    """Read a material file.
+    """Read a material file, and check its checksum (`kinran_bsdf.checksum`) where it has one.
 
     Raises
     ------
     ValueError
-        The file is missing or not an EXR, lacks a channel or an attribute, has another version or an unknown model, or
-        holds values outside the model; the message is one sentence that names the file.
+        The file is missing or not an EXR, lacks a channel or an attribute, has another version or an unknown model,
+        does not match its checksum, or holds values outside the model; the message is one sentence that names the file.
     """
     path = Path(path)
     if not path.is_file():
@@ -150,8 +154,22 @@ def read_material(path: str | os.PathLike[str]) -> Material:
     pixels = np.atleast_3d(pixels)
     channels = {name: np.asarray(pixels[..., k], np.float32) for k, name in enumerate(names)}  # views
     material = _from_header(path, header, channels)
+    attributes = {f"kinran:{key}": value for key, value in header.items()}
+    if checksum.NAME not in attributes:
+        _say_unchecked(path)
+    if what := checksum.damaged(attributes, channels):
+        raise ValueError(
+            f"{path}: {what} does not match the checksum in its header; write the material again, or remove the"
+            f" attribute {checksum.NAME} if it was edited on purpose"
+        )
     check(material, str(path))
     return material
+
+
+@cache
+def _say_unchecked(path: Path) -> None:
+    """Say once that a file has no checksum."""
+    log.warning("%s: has no checksum (%s), so that damage would not be seen; it is read as it is", path, checksum.NAME)
 
 
 def _from_header(path: Path, header: dict[str, str], channels: dict[str, Map]) -> Material:
@@ -238,14 +256,17 @@ def write_material(path: str | os.PathLike[str], material: Material) -> None:
     pixels = np.ascontiguousarray(np.stack([material.channels[n] for n in names], -1), np.float32)
     bitmap = mi.Bitmap(pixels, mi.Bitmap.PixelFormat.MultiChannel, names)
     metadata = bitmap.metadata()
-    for key, value in _header(material).items():
-        metadata[f"kinran:{key}"] = value
+    attributes = {f"kinran:{key}": value for key, value in _header(material).items()}
+    planes = {name: pixels[..., k] for k, name in enumerate(names)}
+    attributes[checksum.NAME] = json.dumps(checksum.checksums(attributes, planes))
+    for key, value in attributes.items():
+        metadata[key] = value
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.part.exr")
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
         bitmap.write(str(temporary), mi.Bitmap.FileFormat.OpenEXR)
         back = read_material(temporary)
-        if any(not np.array_equal(back.channels[n], pixels[..., k]) for k, n in enumerate(names)):
+        if any(not np.array_equal(back.channels[name], plane) for name, plane in planes.items()):
             raise OSError(f"{path}: reads back changed; is the disk full?")
         temporary.replace(path)
     finally:

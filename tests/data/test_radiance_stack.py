@@ -1,5 +1,6 @@
 """The radiance stack on disk."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -112,3 +113,50 @@ def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written to"):
         write_shards(tmp_path / "file", 0, Radiance.unflagged(np.zeros((1, 2, 2, 3), np.float32)))
+
+
+def test_a_flipped_bit_in_a_shard_is_an_error_that_names_it(tmp_path: Path, samples: Radiance) -> None:
+    """Of 60 bits of each array, through the stack and through Zarr itself; 38 of 40 were read as other values once."""
+    write(tmp_path, samples)
+    for name in ("radiance", "flags"):
+        shard = shard_path(tmp_path, name, 1)
+        whole = shard.read_bytes()
+        for bit in np.random.default_rng(2).integers(0, 8 * len(whole), 60).tolist():
+            damaged = bytearray(whole)
+            damaged[bit // 8] ^= 1 << bit % 8
+            shard.write_bytes(damaged)
+            with pytest.raises(InputError, match=rf"{name}/c/1/0/0/0: is damaged .*snakemake"):
+                Stack.open(tmp_path).read_tile(0, 70, 0, 66, lights=range(8, 16))
+            with pytest.raises(ValueError, match="checksum"):
+                zarr.open_group(tmp_path, mode="r")[name][8:16]
+        shard.write_bytes(whole)
+
+
+def test_a_flipped_bit_in_the_metadata_is_an_error(tmp_path: Path, samples: Radiance) -> None:
+    """Another direction of a light, another noise model: still JSON, and still a stack."""
+    write(tmp_path, samples)
+    for name in ("zarr.json", "radiance/zarr.json", "flags/zarr.json"):
+        path = tmp_path / name
+        whole = path.read_bytes()
+        for old, new in ((b"8", b"9"), (b"0", b"1")):
+            path.write_bytes(whole.replace(old, new, 1))
+            with pytest.raises(InputError, match=rf"{name}: does not match its checksum"):
+                Stack.open(tmp_path)
+        path.write_bytes(whole)
+
+
+def test_a_stack_without_checksums_is_read(tmp_path: Path, samples: Radiance) -> None:
+    """As earlier versions wrote it, and as other programs write it."""
+    write(tmp_path, samples)
+    group = zarr.open_group(tmp_path, mode="r")
+    values, attributes = {name: group[name][:] for name in ("radiance", "flags")}, dict(group.attrs)
+    shutil.rmtree(tmp_path)
+    old = zarr.create_group(tmp_path, attributes=attributes)
+    for name, array in values.items():
+        made = old.create_array(
+            name, shape=array.shape, dtype=array.dtype, chunks=(8, 64, 64, 3), shards=(8, 128, 128, 3)
+        )
+        made[:] = array
+    seen = Stack.open(tmp_path).read_tile(0, 70, 0, 66)
+    np.testing.assert_array_equal(seen.value, values["radiance"])
+    np.testing.assert_array_equal(seen.flags, values["flags"])

@@ -1,6 +1,7 @@
 """The material file: what is written is read, by name, by others too; what is wrong is refused."""
 
 import json
+import logging
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -163,3 +164,47 @@ def test_texel_without_a_lobe_takes_the_mean_shape_of_the_others(fabric: Callabl
     used = m.channels["lobe1.amplitude"] > 0
     expected = np.average(m.channels["lobe1.xx"][used], weights=m.channels["lobe1.amplitude"][used])
     assert shape[0, 0, 2] == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_flipped_bit_is_an_error_that_names_the_file(fabric: Callable[..., Material], tmp_path: Path) -> None:
+    """Or nothing: what no reader uses, such as the size of the display. 38 of 60 were other values once."""
+    path = tmp_path / "a.exr"
+    write_material(path, fabric())
+    whole, sound = path.read_bytes(), read_material(path)
+    named = 0
+    for bit in np.random.default_rng(4).integers(0, 8 * len(whole), 120).tolist():
+        damaged = bytearray(whole)
+        damaged[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(damaged)
+        try:
+            back = read_material(path)
+        except ValueError as error:
+            named += "a.exr" in str(error)
+            continue
+        assert (back.model, back.source, back.texel_mm) == (sound.model, sound.source, sound.texel_mm), bit
+        for name, plane in sound.channels.items():
+            np.testing.assert_array_equal(back.channels[name], plane)
+    assert named > 100
+
+
+def test_edited_maps_are_refused_with_their_old_checksum_and_read_without(
+    fabric: Callable[..., Material], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """As an artist's program writes them, which keeps the attributes or drops them; the second is said once."""
+    path = tmp_path / "a.exr"
+    write_material(path, fabric())
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        header = {k: v for k, v in file.header().items() if k.startswith("kinran:")}
+        planes = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+    planes["diffuse.R"] = planes["diffuse.R"] * np.float32(0.5)
+    for drop, says in (("", "channel 'diffuse.R' does not match the checksum"), ("kinran:crc32", "")):
+        kept = {name: value for name, value in header.items() if name != drop}
+        with OpenEXR.File({**kept, "type": OpenEXR.scanlineimage}, dict(planes)) as file:
+            file.write(str(path))
+        if says:
+            with pytest.raises(ValueError, match=rf"a\.exr: {says}.*remove the attribute kinran:crc32"):
+                read_material(path)
+    with caplog.at_level(logging.WARNING):
+        for _ in range(2):
+            np.testing.assert_array_equal(read_material(path).channels["diffuse.R"], planes["diffuse.R"])
+    assert caplog.text.count("a.exr: has no checksum") == 1

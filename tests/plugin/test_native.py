@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
 import pytest
 from plugin_fabrics import random_material
 
@@ -138,3 +139,24 @@ def test_mitsuba_renders_without_python(compiled: Path, fabrics: list[dict[str, 
     run = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": ""})
     assert run.returncode == 0, run.stdout + run.stderr
     assert (tmp_path / "scene.exr").stat().st_size > 500
+
+
+def test_a_damaged_material_is_refused(compiled: Path, tmp_path: Path) -> None:
+    """One float in its last bit, or another attribute, under the checksums of the sound file."""
+    for name, change in (("channel 'diffuse.x'", {}), ("a kinran: attribute", {"kinran:tail": "gaussian"})):
+        path = tmp_path / "a.exr"
+        write_material(path, random_material("slope", 1, "ggx"))
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            header = {k: v for k, v in file.header().items() if k.startswith("kinran:")}
+            planes = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+        if not change:
+            planes["diffuse.x"][2, 3] = np.nextafter(planes["diffuse.x"][2, 3], 2, dtype=np.float32)
+        with OpenEXR.File({**header, **change, "type": OpenEXR.scanlineimage}, planes) as file:
+            file.write(str(path))
+        run = subprocess.run(
+            [sys.executable, "-c", LOOK_UP, str(compiled), "scalar_rgb", json.dumps([{"filename": str(path)}])],
+            capture_output=True,
+            text=True,
+        )
+        assert run.returncode != 0
+        assert f"a.exr: {name} does not match the checksum" in run.stderr + run.stdout

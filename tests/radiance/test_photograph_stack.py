@@ -15,7 +15,9 @@ from kinran.data.capture_plan import read_plan, write_plan
 from kinran.data.lights import LpLight, write_lp
 from kinran.data.radiance import SATURATED
 from kinran.data.radiance_stack import Stack
+from kinran.data.shards import shard_path
 from kinran.radiance import merge_group
+from kinran.radiance import stack as stack_stage
 
 COUNT = 20
 
@@ -89,3 +91,25 @@ def test_another_size_is_refused(folder: Path) -> None:
     with pytest.raises(InputError, match=r"p07\.png"):
         merge_group.main(inputs, out)
     assert read_plan(plan).encoding == "linear"
+
+
+def test_a_shard_that_changed_since_its_merge_is_refused(folder: Path) -> None:
+    """By the digest in the receipt: another sound shard in its place, or a flipped bit."""
+    run(folder, "linear")
+    stack = folder / "radiance.zarr"
+    inputs = stack_stage.Inputs(
+        folder / "captures/set/plan.json",
+        folder / "calibration.json",
+        (folder / "captures/set/groups/00.json",),
+        (folder / "00.json",),
+    )
+    stack_stage.main(inputs, stack)
+    shard = shard_path(stack, "flags", 1)
+    whole = shard.read_bytes()
+    for other in (shard_path(stack, "flags", 0).read_bytes(), whole[:-9] + bytes([whole[-9] ^ 1]) + whole[-8:]):
+        shard.write_bytes(other)
+        with pytest.raises(InputError, match=r"flags/c/1/0/0/0: is not the shard that .*00\.json has the digest of"):
+            stack_stage.main(inputs, stack)
+    shard.unlink()
+    with pytest.raises(InputError, match=r"flags/c/1/0/0/0: is missing"):
+        stack_stage.main(inputs, stack)

@@ -159,3 +159,35 @@ def test_what_is_wrong_is_said_before_anything_runs(tmp_path: Path, broken: str)
         broken
     ] in done.stderr + done.stdout
     assert not (project.folder / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "rules"),
+    [
+        ("render.png", {"render", "report"}),
+        ("fit/slope.exr", {"fit", "material", "choose", "evaluate", "sigma", "scene", "render", "report"}),
+        ("labels.exr", {"segment", "fit", "material", "need", "evaluate", "report"}),
+        ("radiance.zarr/radiance/c/0/0/0/0", {"merge", "stack", "segment", "fit", "material", "report"}),
+        ("radiance.zarr/flags/c/4/0/0/0", {"stack", "segment", "fit", "material", "report"}),
+        ("radiance.zarr/flags/zarr.json", {"stack", "segment", "report"}),
+    ],
+)
+def test_what_is_gone_is_made_again(project: Project, name: str, rules: set[str]) -> None:
+    """Also where no rule asks for it, and where no rule can name it."""
+    path = project.folder / "results" / "tiny" / name
+    path.unlink()
+    jobs = project.planned()
+    assert rules <= set(jobs)
+    assert ("merge" in jobs) == ("merge" in rules)
+    assert jobs.get("merge", 1) == 1  # one group of two
+    assert not {"capture", "calibrate"} & set(jobs)
+
+
+def test_a_lost_shard_is_merged_again_and_no_more_than_once(project: Project) -> None:
+    path = project.folder / "results" / "tiny" / "radiance.zarr" / "radiance" / "c" / "0" / "0" / "0" / "0"
+    before = path.read_bytes()
+    path.unlink()
+    stack = "results/tiny/radiance.zarr/zarr.json"
+    project.run(stack)
+    assert path.read_bytes() == before
+    assert "Nothing to be done" in project.run("--dry-run", stack)

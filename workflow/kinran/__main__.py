@@ -25,6 +25,7 @@ COMMANDS = {
     "render": ("kinran.scene.render", "render a Mitsuba scene with Kinran materials"),
     "native": ("kinran_bsdf.native", "compile the plugin for Mitsuba's own command"),
     "rig": ("kinran.capture.rig", "talk to the goniometer"),
+    "verify": ("kinran.run.verify", "check captures and results for damage, and say what to run"),
     "bench": ("kinran.run.bench", "measure speed and accuracy"),
     "test": ("kinran.run.test", "run the tests"),
     "doctor": ("kinran.run.doctor", "check this machine and say what to do"),

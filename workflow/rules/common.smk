@@ -10,6 +10,7 @@ from kinran.run.config import (
     read_fabrics,
     read_revisions,
 )
+from kinran.run import void
 from kinran.base.files import InputError
 from snakemake.exceptions import WorkflowError
 
@@ -35,6 +36,10 @@ fitted = (
 )
 # a job of the chart for each kind of method: a new file is a new job, and no other runs again
 kinds = sorted(p.stem for p in PACKAGES["kinran"].glob("compare/methods/[a-z]*.py"))
+# no rule can name the shards of a group, so Snakemake would not see that one is gone: what says that it is there goes too
+if workflow.is_main_process:
+    for fabric in fabrics:
+        void.remove_void(Path("results", fabric))
 
 
 wildcard_constraints:
@@ -92,11 +97,31 @@ def rig_devices():
     return json.dumps(given if config["rig"]["device"] == "hid" else {}, sort_keys=True)
 
 
+def promised(fabric):
+    """Return the files of a fabric that users look for, and that stages read: one that is gone is made again."""
+    fits = methods_of(fabric)
+    sigma = ["fit/slope.sigma.exr"] if models[0] == "slope" else []
+    names = [
+        *(f"radiance.zarr/{part}zarr.json" for part in ("", "radiance/", "flags/")),
+        *("labels.exr", "regions.json", "statistics.exr"),
+        *(f"fit/{method}.{kind}" for method in fits for kind in ("exr", "json")),
+        *sigma,
+        *("material.exr", "evaluation.json", "evaluation.png", "need.json"),
+        *("scene/mesh.ply", "scene/scene.xml", "render.exr", "render.png", "sweep.png"),
+        "report.html",
+    ]
+    return [f"results/{fabric}/{name}" for name in names]
+
+
 def methods(wildcards):
     """Return the methods that are judged on a fabric; the first one makes its material."""
-    photographs = wildcards.fabric in set_fabrics
+    return methods_of(wildcards.fabric)
+
+
+def methods_of(fabric):
+    """Return the methods that are judged on the fabric of this name; the first one makes its material."""
     with_residual = config["fit"]["residual"] == "all" or (
-        config["fit"]["residual"] == "photographs" and photographs
+        config["fit"]["residual"] == "photographs" and fabric in set_fabrics
     )
     return (
         ["slope-residual", *models]

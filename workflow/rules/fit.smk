@@ -25,6 +25,8 @@ rule coarsen:
         need="results/{fabric}/need.json",
     output:
         stack="results/{fabric}/needed/radiance.zarr/zarr.json",
+        radiance="results/{fabric}/needed/radiance.zarr/radiance/zarr.json",
+        flags="results/{fabric}/needed/radiance.zarr/flags/zarr.json",
         labels="results/{fabric}/needed/labels.exr",
         regions="results/{fabric}/needed/regions.json",
     log:

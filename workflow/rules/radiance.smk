@@ -48,6 +48,8 @@ rule stack:
         receipts=receipts,
     output:
         "results/{fabric}/radiance.zarr/zarr.json",
+        "results/{fabric}/radiance.zarr/radiance/zarr.json",
+        "results/{fabric}/radiance.zarr/flags/zarr.json",
     log:
         "logs/{fabric}/stack.log",
     benchmark:

@@ -50,6 +50,7 @@ rule render:
     output:
         exr="results/{fabric}/render.exr",
         png="results/{fabric}/render.png",
+        json="results/{fabric}/render.json",
         sweep="results/{fabric}/sweep.png",
     log:
         "logs/{fabric}/render.log",

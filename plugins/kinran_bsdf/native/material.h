@@ -13,6 +13,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
+#include <cstdio>
 #include <map>
 #include <stdexcept>
 #include <string>
@@ -77,9 +79,37 @@ inline std::vector<double> json_numbers(const std::string &text, const std::stri
 
 inline std::string json_text(const std::string &text, const std::string &key) {
     size_t at = text.find('"' + key + '"');
-    size_t from = text.find('"', text.find(':', at)) + 1;
+    size_t from = text.find('"', text.find(':', at + key.size() + 2)) + 1;
     return text.substr(from, text.find('"', from) - from);
 }
+
+/// CRC-32 as zlib computes it, of `size` bytes after those of `crc`
+inline uint32_t crc32(const void *data, size_t size, uint32_t crc = 0) {
+    static const auto table = [] {
+        std::array<std::array<uint32_t, 256>, 8> t{};
+        for (uint32_t i = 0; i < 256; ++i) {
+            t[0][i] = i;
+            for (int k = 0; k < 8; ++k)
+                t[0][i] = (t[0][i] >> 1) ^ (t[0][i] & 1 ? 0xEDB88320u : 0);
+        }
+        for (uint32_t i = 0; i < 256; ++i)
+            for (int k = 1; k < 8; ++k)
+                t[k][i] = (t[k - 1][i] >> 8) ^ t[0][t[k - 1][i] & 255];
+        return t;
+    }();
+    const uint8_t *p = (const uint8_t *) data;
+    crc = ~crc;
+    for (; size >= 8; size -= 8, p += 8) {
+        crc ^= p[0] | p[1] << 8 | p[2] << 16 | (uint32_t) p[3] << 24;
+        crc = table[7][crc & 255] ^ table[6][crc >> 8 & 255] ^ table[5][crc >> 16 & 255] ^ table[4][crc >> 24] ^
+              table[3][p[4]] ^ table[2][p[5]] ^ table[1][p[6]] ^ table[0][p[7]];
+    }
+    for (; size; --size)
+        crc = (crc >> 8) ^ table[0][(crc ^ *p++) & 255];
+    return ~crc;
+}
+
+inline uint32_t crc32(const std::string &text, uint32_t crc = 0) { return crc32(text.data(), text.size(), crc); }
 
 /// How the residual depends on the light: thin-plate splines over (l_x, l_y), as residual.py has them
 struct Residual {
@@ -164,6 +194,31 @@ inline void check(const Material &m) {
     }
 }
 
+/// Refuse a file that contradicts the checksums in its header, as checksum.py describes them; without them nothing does
+inline void check_sums(const Material &m, const Imf::Header &header) {
+    std::string stated, lines;
+    for (auto it = header.begin(); it != header.end(); ++it) {
+        std::string name = it.name();
+        const auto *value = dynamic_cast<const Imf::StringAttribute *>(&it.attribute());
+        if (name == "kinran:crc32" && value)
+            stated = value->value();
+        else if (name.rfind("kinran:", 0) == 0 && value)
+            lines += name + "=" + value->value() + "\n";
+    }
+    if (stated.empty())
+        return;
+    auto same = [&](const std::string &name, const std::string &what, uint32_t found) {
+        char text[9];
+        std::snprintf(text, sizeof text, "%08x", found);
+        if (stated.find('"' + name + '"') == std::string::npos || json_text(stated, name) != text)
+            throw std::runtime_error(what + " does not match the checksum in its header; write the material again");
+    };
+    same("kinran:", "a kinran: attribute", crc32(lines));
+    std::string size = std::to_string(m.height) + " " + std::to_string(m.width) + "\n";
+    for (auto &[name, values] : m.channels)
+        same(name, "channel '" + name + "'", crc32(values.data(), values.size() * sizeof(float), crc32(size)));
+}
+
 inline Material read(const std::string &path) {
     Material m;
     Imf::InputFile file(path.c_str());
@@ -212,6 +267,7 @@ inline Material read(const std::string &path) {
     }
     file.setFrameBuffer(frame);
     file.readPixels(window.min.y, window.max.y);
+    check_sums(m, header);
     check(m);
     return m;
 }

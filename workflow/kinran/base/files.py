@@ -12,6 +12,8 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from kinran.base.checksums import comment_damaged, json_damaged, json_line
+
 T = TypeVar("T")
 
 NAME = re.compile(r"[a-z0-9][a-z0-9_-]*")
@@ -57,26 +59,50 @@ def atomic(path: Path) -> Iterator[Path]:
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write `value`, which may hold dataclasses, as indented JSON, atomically; NaN and infinity are refused."""
-    text = json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False, default=asdict) + "\n"
+    """Write `value`, which may hold dataclasses, as indented JSON, atomically; NaN and infinity are refused.
+
+    Its last line is the checksum of `kinran.base.checksums`.
+    """
+    body = (json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False, default=asdict) + "\n").encode()
     with atomic(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_bytes(body + json_line(body))
 
 
 def read_json(path: Path) -> Any:
-    """Read a JSON file.
+    """Read a JSON file, and check its checksum where it has one.
 
     Raises
     ------
     InputError
-        The file is missing or is not JSON.
+        The file is missing, is not JSON, or does not match its checksum.
     """
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        data = path.read_bytes()
+        if json_damaged(data):
+            raise InputError(
+                f"{path}: does not match its checksum; restore it or make it again, or delete its last line, which is"
+                " blank, if it was edited on purpose"
+            )
+        return json.loads(data.decode("utf-8"))
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: is not valid JSON ({error}); make it again") from None
+
+
+def check_comment(path: Path) -> None:
+    """Check a text file or a PLY against the checksum in its comment (`kinran.base.checksums`), where it has one.
+
+    Raises
+    ------
+    InputError
+        The file does not match it.
+    """
+    if comment_damaged(path.read_bytes()):
+        raise InputError(
+            f"{path}: does not match its checksum; restore it or make it again, or delete the line with kinran:crc32 if"
+            " it was edited on purpose"
+        )
 
 
 def read_as(path: Path, kind: type[T], what: str, remedy: str = "make it again") -> T:

@@ -11,8 +11,9 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from PIL import Image
 
+from kinran.base.checksums import comment
 from kinran.base.files import atomic
-from kinran.base.pictures import Picture
+from kinran.base.pictures import Picture, check_png
 
 
 def embed(picture: Picture) -> str:
@@ -23,7 +24,14 @@ def embed(picture: Picture) -> str:
 
 
 def embed_file(path: Path) -> str:
-    """Return a PNG file as a data URL."""
+    """Return a PNG file as a data URL.
+
+    Raises
+    ------
+    InputError
+        The file is missing or damaged.
+    """
+    check_png(path)
     return data_url(path.read_bytes())
 
 
@@ -47,5 +55,6 @@ def render(template: Path, values: dict[str, Any]) -> str:
 
 def write_page(path: Path, template: Path, values: dict[str, Any]) -> None:
     """Fill a template and write the page, atomically."""
+    body = (render(template, values) + "\n").encode()
     with atomic(path) as temporary:
-        temporary.write_text(render(template, values), encoding="utf-8")
+        temporary.write_bytes(body + f"<!-- {comment(body)} -->\n".encode())

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
 from kinran.base.encoding import parse
-from kinran.base.files import atomic
+from kinran.base.files import InputError, atomic
 
 Picture = NDArray[np.uint8]
 
@@ -18,6 +18,21 @@ LABEL_COLOURS = np.array(
 """Colours of regions that do not look apart by their own."""
 HEAT = np.array([[0, 0, 0], [60, 15, 110], [180, 40, 90], [250, 130, 20], [255, 240, 150]], float)
 """Colours of `heat` at 0, ¼, ½, ¾ and 1, of growing lightness, so that they read in grey as well."""
+
+
+def check_png(path: Path) -> None:
+    """Check a PNG by the CRC-32 of its parts.
+
+    Raises
+    ------
+    InputError
+        The file is missing, damaged, or no PNG.
+    """
+    try:
+        with Image.open(path, formats=["PNG"]) as image:
+            image.verify()
+    except (OSError, SyntaxError, ValueError) as error:
+        raise InputError(f"{path}: is missing, damaged or no PNG ({error}); make it again") from None
 
 
 def photograph(light: ArrayLike, exposure: float = 1.0) -> Picture:

@@ -2,7 +2,8 @@
 
 Its arrays are `radiance` float16 and `flags` uint8, both (light, y, x, channel); row 0 is v = 0. One shard holds 8
 lights, so that a merge job writes whole files. `write_shards` writes the shards of a group, `write_metadata` the
-metadata that complete the stack.
+metadata that complete the stack. Each chunk ends with its CRC-32C, which Zarr checks when it reads the chunk, and each
+file of metadata with the checksum of `write_json`.
 """
 
 import math
@@ -19,7 +20,8 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kinran.base.files import InputError, atomic
+from kinran.base.checksums import json_line
+from kinran.base.files import InputError, atomic, read_json
 from kinran.data.lights import Light as Light
 from kinran.data.radiance import HOT, SATURATED, Flags, Radiance
 from kinran.data.shards import NAMES, SHARD, shard_path
@@ -99,6 +101,8 @@ class Stack(Metadata):
 
         if not (path / "zarr.json").is_file():
             raise InputError(f"{path}: is no radiance stack; make it with `kinran stack`")
+        for name in (".", *NAMES):
+            read_json(path / name / "zarr.json")  # Zarr reads them again, but checks no checksum
         try:
             group = zarr.open_group(path, mode="r")
             values: dict[str, Any] = dict(group.attrs)
@@ -161,8 +165,21 @@ class Stack(Metadata):
         try:
             radiance, flags = (array[first:last, y0:y1, x0:x1] for array in self._arrays)
         except Exception as error:  # Zarr and its codecs raise errors of any kind on a broken shard
-            raise InputError(f"{self.path}: a shard is damaged ({error}); merge its group again") from None
+            where = self._damaged(use, (y0, y1, x0, x1)) or self.path
+            raise InputError(
+                f"{where}: is damaged ({error}); delete it, and snakemake merges its group again"
+            ) from None
         return np.asarray(radiance, np.float16)[use - first], np.asarray(flags, np.uint8)[use - first]
+
+    def _damaged(self, lights: NDArray[np.intp], box: Box) -> Path | None:
+        """Return the first shard of these lights that cannot be read in a box; None where all can."""
+        y0, y1, x0, x1 = box
+        for (name, array), shard in product(zip(NAMES, self._arrays, strict=True), np.unique(lights // SHARD).tolist()):
+            try:
+                array[shard * SHARD : (shard + 1) * SHARD, y0:y1, x0:x1]
+            except Exception:  # as in `read_stored`
+                return shard_path(self.path, name, shard)
+        return None
 
 
 def write_shards(folder: Path, first: int, radiance: Radiance) -> list[Path]:
@@ -272,8 +289,9 @@ def write_metadata(folder: Path, metadata: Metadata) -> None:
         for name, dtype in zip(NAMES, ("float16", "uint8"), strict=True):
             _create(scratch, name, shape, dtype)
         for name in (*NAMES, "."):  # the group last: it completes the stack
+            body = (scratch / name / "zarr.json").read_bytes() + b"\n"
             with atomic(folder / name / "zarr.json") as temporary:
-                shutil.copyfile(scratch / name / "zarr.json", temporary)
+                temporary.write_bytes(body + json_line(body))
 
 
 @contextmanager
@@ -292,7 +310,7 @@ def _scratch(folder: Path) -> Iterator[Path]:
 
 def _create(folder: Path, name: str, shape: tuple[int, ...], dtype: str) -> Any:
     import zarr
-    from zarr.codecs import BloscCodec
+    from zarr.codecs import BloscCodec, Crc32cCodec
 
     height, width = (CHUNK * math.ceil(side / CHUNK) for side in shape[1:3])
     return zarr.create_array(
@@ -302,7 +320,7 @@ def _create(folder: Path, name: str, shape: tuple[int, ...], dtype: str) -> Any:
         dtype=dtype,
         chunks=(SHARD, CHUNK, CHUNK, 3),
         shards=(SHARD, height, width, 3),
-        compressors=BloscCodec(cname="zstd", clevel=3, shuffle="bitshuffle"),
+        compressors=[BloscCodec(cname="zstd", clevel=3, shuffle="bitshuffle"), Crc32cCodec()],
         fill_value=0,
         dimension_names=("light", "y", "x", "channel"),
         config={"write_empty_chunks": True},

@@ -2,14 +2,14 @@
 
 import hashlib
 import shutil
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.base.files import atomic
+from kinran.base.files import InputError, atomic
+from kinran.base.npz import read_npz
 from kinran.data.radiance_stack import Box
 
 Arrays = dict[str, NDArray[np.floating]]
@@ -43,8 +43,11 @@ class Finished:
 
     def has(self, box: Box) -> bool:
         """Whether a tile is finished and its file is whole."""
-        path = self._path(box)
-        return path.is_file() and zipfile.is_zipfile(path)
+        try:
+            read_npz(self._path(box))
+        except InputError:
+            return False
+        return True
 
     def keep(self, box: Box, arrays: Arrays) -> None:
         """Keep the arrays of a tile."""
@@ -53,8 +56,7 @@ class Finished:
 
     def read(self, box: Box) -> Arrays:
         """Arrays of a finished tile."""
-        with np.load(self._path(box)) as data:
-            return {name: data[name] for name in data.files}
+        return read_npz(self._path(box))
 
     def clear(self) -> None:
         """Remove all tiles, once the result is written."""

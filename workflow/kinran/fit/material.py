@@ -1,7 +1,6 @@
 """Join the fitted runs of a model into its material file."""
 
 import logging
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from kinran.base.files import InputError, sha256, write_json
+from kinran.base.npz import read_npz
 from kinran.data.fabric import Fabric
 from kinran.data.labels import LabelMap
 from kinran.fit.lobed_regions import chosen_lobes, kind, lobed_labels
@@ -120,32 +120,23 @@ def _maps(
     covered = np.zeros(shape, bool)
     costs, peak = dict.fromkeys(COSTS, 0.0), 0.0
     for run in runs:
-        with _opened(run) as data:
-            if str(data["kind"]) != of:
-                raise InputError(
-                    f"{run}: was fitted as {data['kind']}, not as {of}; give the options that it was fitted with"
-                )
-            _scatter(data, maps, covered)
-            costs = {key: value + float(data[key]) for key, value in costs.items()}
-            peak = max(peak, float(data["peak_mb"]))
+        data = read_npz(run, "fitted run", "make it with kinran fit")
+        if "kind" not in data:
+            raise InputError(f"{run}: is no fitted run; make it with kinran fit")
+        if str(data["kind"]) != of:
+            raise InputError(
+                f"{run}: was fitted as {data['kind']}, not as {of}; give the options that it was fitted with"
+            )
+        _scatter(data, maps, covered)
+        costs = {key: value + float(data[key]) for key, value in costs.items()}
+        peak = max(peak, float(data["peak_mb"]))
     if not covered.all():
         raise InputError(f"{out}: {int((~covered).sum())} texels have no fit; give all runs of the model")
     return maps, costs, peak
 
 
-def _opened(run: Path) -> "np.lib.npyio.NpzFile":
-    """Open the file of a run."""
-    try:
-        data = np.load(run)
-        if "kind" in data:
-            return data
-    except (OSError, ValueError, zipfile.BadZipFile):
-        pass
-    raise InputError(f"{run}: is no fitted run; make it with kinran fit")
-
-
-def _scatter(data: "np.lib.npyio.NpzFile", maps: dict[str, Map], covered: NDArray[np.bool_]) -> None:
-    names = [name for name in data.files if "." in name]
+def _scatter(data: dict[str, NDArray[Any]], maps: dict[str, Map], covered: NDArray[np.bool_]) -> None:
+    names = [name for name in data if "." in name]
     start = 0
     for y0, y1, x0, x1 in data["boxes"]:
         stop = start + (y1 - y0) * (x1 - x0)

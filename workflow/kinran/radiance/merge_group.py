@@ -12,7 +12,7 @@ from typing import Annotated
 import numpy as np
 
 from kinran.base.distances import relative_light
-from kinran.base.files import InputError, write_json
+from kinran.base.files import InputError, sha256, write_json
 from kinran.base.log import progress
 from kinran.bracket.shots import Taken, read_bracket, read_light, read_manifest, read_shot
 from kinran.bracket.superpixels import merge_bracket
@@ -55,6 +55,7 @@ def main(inputs: Inputs, out: Outputs) -> None:
         raise InputError(f"{inputs.manifest}: has no shot of light '{missing[0]}'; capture the group again")
     gains = measure_gains(shots, calibration, inputs.manifest) if plan.on_rig else distance_gains(shots, plan)
     saturated, samples = 0, 0
+    digests: dict[str, str] = {}
     for shard in progress(shards, f"group {group}", "shards"):
         with ShardWriter(out.stack, calibration.height, calibration.width) as writer:
             for light in (plan.lights[index] for index in wanted if index // SHARD == shard):
@@ -63,13 +64,15 @@ def main(inputs: Inputs, out: Outputs) -> None:
                 saturated += int(np.count_nonzero(picture.has(SATURATED)))
                 samples += picture.flags.size
                 del picture  # before the next light's frames are read
-            writer.write(shard * SHARD)
+            written = writer.write(shard * SHARD)
+        digests |= {path.relative_to(out.stack).as_posix(): sha256(path) for path in written}
     log.info("group %s: %d lights merged", group, len(wanted))
     if out.receipt:
         receipt = {
             "fabric": plan.fabric,
             "group": group,
             "shards": shards,
+            "sha256": digests,
             "lights": len(wanted),
             "saturated": saturated / max(samples, 1),
             "lamp": gains,

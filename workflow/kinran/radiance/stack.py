@@ -21,7 +21,7 @@ from kinran.data.capture_plan import Plan, read_plan
 from kinran.data.hold_out_rule import held_out
 from kinran.data.radiance import DARK, SATURATED, Radiance
 from kinran.data.radiance_stack import Light, Metadata, write_metadata, write_shards
-from kinran.data.shards import NAMES, SHARD, shard_path
+from kinran.data.shards import NAMES, SHARD, check_receipt, shard_path
 
 log = logging.getLogger(__name__)
 
@@ -47,6 +47,7 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "radiance stack (.zarr)"], 
     for receipt in inputs.receipts:
         if not receipt.is_file():
             raise InputError(f"{receipt}: is missing; merge the group first")
+        check_receipt(receipt, out)
     held = held_out([light.grid for light in plan.lights], options.holdout, inputs.plan)
     if plan.on_rig:
         groups = [(path, read_manifest(path, plan)) for path in inputs.manifests]

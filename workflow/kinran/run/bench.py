@@ -8,7 +8,7 @@ from types import ModuleType
 from kinran.base.files import InputError
 from kinran.base.project import ROOT
 
-NAMES = ("camera", "chart", "choice", "fit", "merge", "mixed", "plan", "real", "rig-kills", "stability")
+NAMES = ("camera", "chart", "choice", "fit", "flips", "merge", "mixed", "plan", "real", "rig-kills", "stability")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -15,7 +15,8 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from kinran.base.files import InputError, atomic, write_json
+from kinran.base.checksums import comment
+from kinran.base.files import InputError, atomic, check_comment, write_json
 from kinran.base.probes import PYMESHLAB_PLUGINS
 from kinran.scene.flatten import (
     Array,
@@ -89,12 +90,13 @@ def load_pymeshlab() -> Any:
 
 
 def check_scan(path: Path) -> None:
-    """Check a scan's name, and a PLY's header against the file's size, before any memory is taken.
+    """Check a scan's name, and a PLY's header against the file's size, before any memory is taken; then its checksum.
 
     Raises
     ------
     InputError
-        The file is missing, empty, of an unknown kind, or shorter than its header promises.
+        The file is missing, empty, of an unknown kind, shorter than its header promises, or does not match the checksum
+        that a generated scan has.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file")
@@ -112,6 +114,8 @@ def check_scan(path: Path) -> None:
             raise InputError(f"{path}: has no PLY header; export the scan again")
         if (promised := sum(int(c) for c in counts)) > size:
             raise InputError(f"{path}: its header promises {promised} elements but it has {size} bytes; copy it again")
+        if b"kinran:crc32" in start:
+            check_comment(path)
 
 
 def _load(path: Path) -> tuple[Any, Any]:
@@ -217,13 +221,14 @@ def write_mesh(path: Path, vertices: Array, faces: Faces, uv: Array) -> None:
     corners = np.empty(len(faces), [("count", "u1"), ("corners", "<i4", 3)])
     corners["count"], corners["corners"] = 3, faces
     fields = "".join(f"property float {name}\n" for name in ["x", "y", "z", "nx", "ny", "nz", "s", "t"])
+    start = b"ply\nformat binary_little_endian 1.0\ncomment kinran: mm; s, t in mm along weft and warp\n"
     header = (
-        "ply\nformat binary_little_endian 1.0\ncomment kinran: mm; s, t in mm along weft and warp\n"
         f"element vertex {len(vertices)}\n{fields}"
         f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
     )
+    rest = header.encode("ascii") + table.tobytes() + corners.tobytes()
     with atomic(path) as temporary:
-        temporary.write_bytes(header.encode("ascii") + table.tobytes() + corners.tobytes())
+        temporary.write_bytes(start + f"comment {comment(start, rest)}\n".encode() + rest)
 
 
 def prepare(scan: Path, out: Path, report: Path | None = None) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from kinran.base.files import InputError
+from kinran.base.files import InputError, check_comment
 
 
 def uv_size(mesh: Path) -> tuple[float, float]:
@@ -14,10 +14,12 @@ def uv_size(mesh: Path) -> tuple[float, float]:
     Raises
     ------
     InputError
-        The mesh is missing, unreadable or has no texture coordinates; without them a weave has no direction.
+        The mesh is missing, unreadable, does not match its checksum, or has no texture coordinates; without them a
+        weave has no direction.
     """
     if not mesh.is_file():
         raise InputError(f"{mesh}: no such file; make it with kinran mesh")
+    check_comment(mesh)
     if mi.variant() is None:
         mi.set_variant("scalar_rgb")
     try:

@@ -4,6 +4,7 @@ A user needs no Python: `kinran render scene.xml` registers the BSDF, which Mits
 """
 
 import logging
+import re
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from kinran.base.checksums import comment_damaged
 from kinran.base.encoding import to_srgb
 from kinran.base.exr import write_rgb
-from kinran.base.files import InputError, atomic, write_json
+from kinran.base.files import InputError, atomic, check_comment, write_json
 from kinran.base.log import progress
 from kinran.base.probes import variant_fault
 
@@ -23,6 +25,8 @@ log = logging.getLogger(__name__)
 
 Picture = NDArray[np.float32]
 
+MESH = re.compile(r'value="([^"]+\.ply)"')
+"""A mesh that a scene file names."""
 PASS = 8
 """Samples a pixel that are rendered at once, between two lines of progress."""
 SHOULDER = 0.7
@@ -109,6 +113,26 @@ def load(path: Path, **parameters: Any) -> Any:
         raise InputError(f"{path}: Mitsuba cannot load it ({reason})") from None
 
 
+def check_files(scene: Path) -> None:
+    """Check the meshes of a scene file against their checksums, and say where the scene itself has another.
+
+    A scene is there to be edited, so that this is no error; materials are checked as they are read.
+
+    Raises
+    ------
+    InputError
+        A mesh does not match its checksum.
+    """
+    if not scene.is_file():
+        return
+    text = scene.read_bytes()
+    if comment_damaged(text):
+        log.warning("warning: %s: was edited, or damaged, since kinran scene wrote it", scene)
+    for name in MESH.findall(text.decode("utf-8", "replace")):
+        if (mesh := scene.parent / name).is_file():
+            check_comment(mesh)
+
+
 def render(scene: Any, spp: int, what: str = "") -> Picture:
     """Render in passes and average them.
 
@@ -170,10 +194,11 @@ def picture(scene_file: Path, out: Path, spp: int | None = None, variant: str | 
     Raises
     ------
     InputError
-        The scene cannot be loaded, or the number of samples is no positive number.
+        The scene cannot be loaded, a mesh is damaged, or the number of samples is no positive number.
     """
     if spp is not None and spp < 1:
         raise InputError(f"--spp {spp}: use at least one sample a pixel")
+    check_files(scene_file)
     start = time.perf_counter()
     mi = use_variant(variant)
     scene = load(scene_file)
@@ -218,10 +243,11 @@ def sweep(scene_file: Path, out: Path, frames: int, variant: str | None = None) 
     Raises
     ------
     InputError
-        The scene cannot be loaded or lacks one of the defaults.
+        The scene cannot be loaded, a mesh is damaged, or the scene lacks one of the defaults.
     """
     if frames < 2:
         raise InputError(f"--sweep {frames}: a sweep has at least two frames")
+    check_files(scene_file)
     use_variant(variant)
     width, height = SWEEP_SIZE
     sheet = Image.new("RGB", (frames * width, 2 * height))

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from kinran.base.checksums import comment
 from kinran.base.exr import write_exr
 from kinran.base.files import InputError, atomic
 from kinran.scene.placement import placement, uv_size
@@ -200,5 +201,6 @@ def assemble(template: Path, mesh: Path, material: Path, out: Path) -> Path:
         write_exr(out / "fitted.exr", {"Y": mask})
     scene = out / "scene.xml"
     with atomic(scene) as temporary:
-        temporary.write_text(ET.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
+        body = (ET.tostring(root, encoding="unicode") + "\n").encode()
+        temporary.write_bytes(body + f"<!-- {comment(body)} -->\n".encode())
     return scene

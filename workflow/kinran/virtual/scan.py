@@ -5,6 +5,7 @@ what range scans have: noise along the line of sight, holes, ragged edges, float
 twice, fins, faces turned round, and a pose that has nothing to do with the weave.
 """
 
+import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from kinran.base.checksums import comment
 from kinran.base.files import atomic
 
 Array = NDArray[np.float64]
@@ -189,15 +191,18 @@ def _scanned_twice(vertices: Array, faces: Faces, rng: np.random.Generator) -> t
 def write_scan(path: Path, vertices: Array, faces: Faces) -> None:
     """Write a scan (vertices (n, 3) in mm, faces (m, 3)) as ASCII PLY."""
     corners = np.insert(faces, 0, 3, axis=1)
-    with atomic(path) as temporary, temporary.open("w", encoding="ascii") as file:
-        file.write(
-            "ply\nformat ascii 1.0\ncomment generated scan of a draped panel, mm\n"
-            f"element vertex {len(vertices)}\n"
-            "property float x\nproperty float y\nproperty float z\n"
-            f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
-        )
-        np.savetxt(file, vertices, "%.4f")
-        np.savetxt(file, corners, "%d")
+    start = b"ply\nformat ascii 1.0\ncomment generated scan of a draped panel, mm\n"
+    file = io.StringIO()
+    file.write(
+        f"element vertex {len(vertices)}\n"
+        "property float x\nproperty float y\nproperty float z\n"
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    np.savetxt(file, vertices, "%.4f")
+    np.savetxt(file, corners, "%d")
+    rest = file.getvalue().encode("ascii")
+    with atomic(path) as temporary:
+        temporary.write_bytes(start + f"comment {comment(start, rest)}\n".encode() + rest)
 
 
 def main(
