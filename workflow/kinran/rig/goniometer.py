@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from kinran.rig.errors import FaultError, LimitError, RigError
-from kinran.rig.motion import AXES, CLEARANCE_MDEG, Four, Pose, clearance, swept
+from kinran.rig.motion import AXES, CLEARANCE_MDEG, Four, Pose, clearance, meeting
 from kinran.rig.protocol import Flag, State
 
 ALL_AXES = 0b1111
@@ -134,12 +134,11 @@ def check_path(start: Pose, end: Pose) -> None:
     LimitError
         They come closer than `CLEARANCE_MDEG`.
     """
-    for pose in swept(start, end):
-        if clearance(pose) < CLEARANCE_MDEG:
-            raise LimitError(
-                f"on the way from {_angles(start[:2])} to {_angles(end[:2])} the light arm meets the camera arm"
-                f" at {_angles(pose[2:])}; plan another order"
-            )
+    if pose := meeting(start, end):
+        raise LimitError(
+            f"on the way from {_angles(start[:2])} to {_angles(end[:2])} the light arm meets the camera arm"
+            f" at {_angles(pose[2:])}; plan another order"
+        )
 
 
 def wait_warm(rig: Goniometer, limit_s: float = 3600) -> State:

@@ -11,16 +11,13 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-from kinran.rig.motion import AXES, CLEARANCE_MDEG, clearance, move_time, swept, travel_time, travelled
+from kinran.rig.motion import AXES, meeting, move_time, travel_time, travelled
 from kinran.rig.motion import Four as Axes
 from kinran.rig.protocol import Config, Expose, Fault, Flag, Four, JobState, Move, Opcode, State, Status
+from kinran.rig.simulated_lamp import PHOTODIODE, WARM_UP_S, lamp_output
 
-WARM_UP_S = 1800.0
-"""Seconds after which the lamp counts as warm: half an hour, as for a real xenon lamp."""
 HOMING_S = 5.0
 """Duration of simulated homing in seconds: made up."""
-PHOTODIODE = 100_000
-"""Counts of the photodiode at the lamp's nominal light, so that a count is 10⁻⁵ of it."""
 NO_AXIS = 0xFF
 """Axis of a fault that has none (docs/rig.md, status block)."""
 Verdict = Status | Callable[[], Status]
@@ -265,7 +262,7 @@ class Machine:
         if any(not self._config.low[i] <= move.targets[i] <= self._config.high[i] for i in axes):
             return Status.LIMIT
         end = tuple(self._rest(i, move.targets[i]) if i in axes else self._start[i] for i in range(4))
-        if _collides(self._start, end):
+        if meeting(self._start, end):
             return Status.COLLISION
 
         def go() -> Status:
@@ -410,22 +407,6 @@ class Machine:
         if self._lit_at is None:
             return 0
         return round(PHOTODIODE * lamp_output(self.lamp_seconds - ago) * self.lamp_factor)
-
-
-def lamp_output(seconds: float) -> float:
-    """Return the relative light of the simulated xenon lamp, `seconds` after it was lit; near 1 once warm.
-
-    Its warm-up, breathing and ageing are made up.
-    """
-    warming = -0.15 * math.exp(-seconds / 300)
-    breathing = 0.004 * math.sin(2 * math.pi * seconds / 1500) + 0.002 * math.sin(seconds / 37)
-    ageing = -0.01 * seconds / 36_000
-    return 1 + warming + breathing + ageing
-
-
-def _collides(start: tuple[float, ...], end: tuple[float, ...]) -> bool:
-    """Return whether the light arm meets the camera arm on the way."""
-    return any(clearance(pose) < CLEARANCE_MDEG for pose in swept(start, end))
 
 
 def _four(values: Iterable[int]) -> Four:

@@ -132,3 +132,8 @@ def swept(start: Sequence[float], end: Sequence[float]) -> list[tuple[float, ...
     pairs = list(zip(start, end, strict=True))
     steps = max(1, math.ceil(max(abs(b - a) for a, b in pairs) / SWEPT_MDEG))
     return [tuple(a + (b - a) * k / steps for a, b in pairs) for k in range(steps + 1)]
+
+
+def meeting(start: Sequence[float], end: Sequence[float]) -> tuple[float, ...] | None:
+    """Return the first pose of a coordinated move in which the arms come closer than `CLEARANCE_MDEG`, if any."""
+    return next((pose for pose in swept(start, end) if clearance(pose) < CLEARANCE_MDEG), None)
