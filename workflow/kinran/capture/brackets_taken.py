@@ -70,6 +70,8 @@ def read_brackets(records: Iterable[Record]) -> list[JournalBracket]:
 def setup_digest(plan: Plan, shot: Shot, device: Mapping[str, Any]) -> str:
     """Return the digest of a bracket's set-up: device, subject, pose and exposures."""
     parts = [dict(device), shot.kind, mdeg(shot.theta), mdeg(shot.phi), list(plan.exposures_s)]
+    if shot.camera is not None:  # a camera on N leaves the digests as they were before it could move
+        parts.append([mdeg(angle) for angle in shot.camera])
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 
 

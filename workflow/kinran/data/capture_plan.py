@@ -64,6 +64,8 @@ class Shot:
         Index of the shot's light; None for dark, white and chart.
     theta, phi
         Pose of the light arm in degrees.
+    camera
+        Pose (θ, φ) of the camera arm in degrees; None where it stays on N.
     """
 
     shot: str
@@ -71,6 +73,7 @@ class Shot:
     light: int | None
     theta: float
     phi: float
+    camera: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -224,6 +227,9 @@ def _as_json(plan: Plan) -> dict[str, Any]:
     for key in ("camera_mm", "axis_mm"):
         if value[key] is None:  # plans that were written without these keys keep their digests
             del value[key]
+    for shot in (shot for group in value["groups"] for shot in group["shots"]):
+        if shot["camera"] is None:
+            del shot["camera"]
     return value
 
 

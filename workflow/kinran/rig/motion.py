@@ -4,6 +4,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 Pose = tuple[int, int, int, int]
 """Light θ, light φ, camera θ, camera φ in millidegrees."""
 CLEARANCE_MDEG = 8_000
@@ -72,6 +75,45 @@ def travelled(distance: float, speed: float, acceleration: float, seconds: float
 def move_time(start: Sequence[float], end: Sequence[float], axes: Sequence[Axis] = AXES) -> float:
     """Return the seconds of a coordinated move between two poses in millidegrees, without settling."""
     return max(travel_time(b - a, axis.speed, axis.acceleration) for a, b, axis in zip(start, end, axes, strict=False))
+
+
+def move_times(starts: ArrayLike, ends: ArrayLike, axes: Sequence[Axis] = AXES) -> NDArray[np.float64]:
+    """Return `move_time` of every pair of poses (n, axis) and (m, axis), as (n, m) seconds."""
+    distances = np.abs(np.asarray(starts, float)[:, None] - np.asarray(ends, float)[None])
+    used = axes[: distances.shape[2]]
+    speed, acceleration = (np.array([[a.speed, a.acceleration] for a in used], float).T)[:, None, None]
+    short = 2 * np.sqrt(distances / acceleration)
+    long = distances / speed + speed / acceleration
+    return np.asarray(np.where(distances <= speed**2 / acceleration, short, long).max(-1))
+
+
+def approach(
+    start: Sequence[int], target: Sequence[int], backlash: int, axes: Sequence[Axis] = AXES
+) -> list[tuple[int, ...]]:
+    """Return the poses of a move whose axes all arrive from above, so that their play is always on the same side.
+
+    An axis that would come from below goes `backlash` beyond its target first, as far as its limit lets it, while the
+    others go to their targets at once. From above, θ = 0 is reached like any other angle, although the axis ends there.
+
+    Parameters
+    ----------
+    start, target
+        Poses of the two or four axes that move, in millidegrees.
+    backlash
+        Distance in millidegrees that takes up the play; 0 for a direct move.
+    axes
+        Axes of the rig.
+
+    Returns
+    -------
+    list
+        Poses to move to, the target last.
+    """
+    via = tuple(
+        max(min(end + backlash, axis.high), end) if end - begin > ON_TARGET_MDEG else end
+        for begin, end, axis in zip(start, target, axes, strict=False)
+    )
+    return [tuple(target)] if via == tuple(target) else [via, tuple(target)]
 
 
 def with_motion(axes: Four, speeds: Sequence[float | None] = (), accelerations: Sequence[float | None] = ()) -> Four:
