@@ -1,4 +1,6 @@
 rule plan:
+    input:
+        directions=[] if config["rig"]["plan"] == "grid" else config["rig"]["plan"],
     output:
         "captures/{fabric}/plan.json",
     log:
@@ -7,10 +9,8 @@ rule plan:
         fabric=any_of(rig_fabrics),
     localrule: True
     params:
-        thetas=",".join(f"{theta:g}" for theta in config["rig"]["thetas"]),
-        phis=config["rig"]["phis"],
+        directions=directions_options(config["rig"]),
         exposures=",".join(f"{1 / rate:.9g}" for rate in config["rig"]["exposures"]),
-        meridians=config["rig"]["meridians"],
         lamp=config["rig"]["lamp_mm"],
         field=config["rig"]["field_mm"],
         camera=(
@@ -18,11 +18,12 @@ rule plan:
             if "camera_mm" in config["rig"]
             else ""
         ),
+        motion=motion_options(config["rig"]),
         code=digest("kinran.capture.plan"),
     shell:
-        "python -m kinran plan --fabric {wildcards.fabric} --thetas {params.thetas} --phis {params.phis}"
-        " --exposures {params.exposures} --meridians {params.meridians} --lamp-mm {params.lamp}"
-        " --field-mm {params.field} {params.camera} {output} 2>&1 | tee {log}"
+        "python -m kinran plan --fabric {wildcards.fabric} {params.directions} --exposures {params.exposures}"
+        " --lamp-mm {params.lamp} --field-mm {params.field} {params.camera} {params.motion} {output}"
+        " 2>&1 | tee {log}"
 
 
 rule capture:

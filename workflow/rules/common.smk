@@ -3,7 +3,13 @@ import sys
 from pathlib import Path
 
 from kinran.base.digest import PACKAGES, digest
-from kinran.run.config import lobes_of, read_fabrics, read_revisions
+from kinran.run.config import (
+    directions_options,
+    lobes_of,
+    motion_options,
+    read_fabrics,
+    read_revisions,
+)
 from kinran.base.files import InputError
 from snakemake.exceptions import WorkflowError
 
@@ -33,7 +39,7 @@ kinds = sorted(p.stem for p in PACKAGES["kinran"].glob("compare/methods/[a-z]*.p
 
 wildcard_constraints:
     fabric="[a-z0-9][a-z0-9_-]*",
-    group="[0-9]+|calibration",
+    group="[0-9]+|calibration|views",
     model="|".join(models),
     job="[0-9]+",
 

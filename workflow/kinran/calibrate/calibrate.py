@@ -83,7 +83,7 @@ def main(
     """Write the calibration."""
     plan = read_plan(inputs.plan)
     shots = [shot for path in inputs.manifests for shot in read_manifest(path, plan)]
-    if plan.kind == "list":
+    if not plan.on_rig:
         single = len(plan.exposures_s) == 1
         calibration = calibrate_photographs(plan, shots) if single else calibrate_brackets(plan, shots)
         if inputs.chart:

@@ -1,4 +1,4 @@
-"""Orders in which an arm visits directions quickly, with the monitors on its way; and the bound below which none can be.
+"""Orders in which an arm visits directions quickly, with monitors on its way, and the bound that no order undercuts.
 
 An order is looked for among serpentines and rasters, which are optimal for grids, and tours of nearest neighbours that
 2-opt and Or-opt shorten, which are good for any directions. All times are those of the rig's axes.
@@ -8,14 +8,15 @@ import itertools
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from kinran.capture.arms import Pose, pose_of, shots_time
 from kinran.data.capture_plan import Shot
-from kinran.rig.motion import AXES, SETTLE_S, Axis, approach, mdeg, move_time, move_times
+from kinran.rig.errors import LimitError
+from kinran.rig.motion import AXES, SETTLE_S, Axis, approach, move_time
 
 Order = NDArray[np.intp]
 Seconds = NDArray[np.float64]
-Pose = tuple[int, ...]
 
 PLACE_S = 0.02
 """Seconds of detour that a monitor is worth for each shot by which it stands nearer to its even share: a choice, by
@@ -28,12 +29,6 @@ FIXED_S = -1e6
 """Cost of an edge that a tour must keep."""
 NO_GAIN_S = 1e-6
 """Seconds that are no gain: above rounding, so that no change of a tour is undone by the next."""
-
-
-def pose_of(shot: Shot) -> Pose:
-    """Return the pose of a shot in millidegrees: two axes, or four where the shot says where the camera stands."""
-    light = (mdeg(shot.theta), mdeg(shot.phi))
-    return light if shot.camera is None else (*light, mdeg(shot.camera[0]), mdeg(shot.camera[1]))
 
 
 def travel_time(poses: Sequence[Pose], axes: Sequence[Axis] = AXES, backlash: int = 0) -> float:
@@ -55,6 +50,16 @@ def travel_time(poses: Sequence[Pose], axes: Sequence[Axis] = AXES, backlash: in
         way = [start, *approach(start, target, backlash, axes)]
         total += sum(move_time(a, b, axes) for a, b in itertools.pairwise(way)) + SETTLE_S * (len(way) - 2)
     return total
+
+
+def move_times(starts: ArrayLike, ends: ArrayLike, axes: Sequence[Axis] = AXES) -> Seconds:
+    """Return `move_time` of every pair of poses (n, axis) and (m, axis), as (n, m) seconds."""
+    distances = np.abs(np.asarray(starts, float)[:, None] - np.asarray(ends, float)[None])
+    used = axes[: distances.shape[2]]
+    speed, acceleration = (np.array([[a.speed, a.acceleration] for a in used], float).T)[:, None, None]
+    short = 2 * np.sqrt(distances / acceleration)
+    long = distances / speed + speed / acceleration
+    return np.asarray(np.where(distances <= speed**2 / acceleration, short, long).max(-1))
 
 
 def spanning_time(poses: Sequence[Pose], axes: Sequence[Axis] = AXES) -> float:
@@ -137,6 +142,18 @@ def reorder(start: Sequence[int], shots: Sequence[Shot], axes: Sequence[Axis] = 
     tours += [improved(tour, times, len(first), len(last)) for tour in tours]
     spent = [round(float(times[tour[:-1], tour[1:]].sum()), 6) for tour in tours]
     return [shots[k - 1] for k in tours[int(np.argmin(spent))][1:]]
+
+
+def order_views(views: Sequence[Shot], axes: Sequence[Axis] = AXES) -> list[Shot]:
+    """Return the front view, which is the first, and the side views in an order in which the arms keep clear."""
+    times = np.zeros((len(views), len(views)))
+    for i, j in itertools.combinations(range(len(views)), 2):
+        try:
+            times[i, j] = times[j, i] = shots_time([views[i], views[j]], axes)
+        except LimitError:
+            times[i, j] = times[j, i] = -FIXED_S / len(views) ** 2  # dearer than any order that keeps clear
+    tour = _joined([0], _nearest(times, 0, np.arange(1, len(views))), [])
+    return [views[k] for k in improved(tour, times, first=1)]
 
 
 def improved(order: Order, times: Seconds, first: int = 0, last: int = 0) -> Order:

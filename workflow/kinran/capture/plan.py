@@ -1,4 +1,4 @@
-"""Plan a capture: a grid of directions in groups, their order, duration and light dose."""
+"""Plan a capture: a grid or a list of directions in groups, with their order; show its travel, time, dose and disk."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,9 +6,15 @@ from pathlib import Path
 from typing import Annotated
 
 from kinran.base.distances import Distances
+from kinran.base.drawing.canvas import write
 from kinran.base.files import InputError
+from kinran.capture.assembly import Rig
+from kinran.capture.directions import plan_directions, read_directions
 from kinran.capture.grid import plan_grid
+from kinran.capture.plan_drawing import draw_plan
+from kinran.capture.plan_table import FRAME_BYTES, plan_table
 from kinran.data.capture_plan import write_plan
+from kinran.rig.motion import AXES, with_motion
 
 
 def numbers(text: str) -> tuple[float, ...]:
@@ -25,20 +31,64 @@ def numbers(text: str) -> tuple[float, ...]:
         raise InputError(f"'{text}': is not a list of numbers; give them as 0,5,10") from None
 
 
+def four(text: str) -> tuple[float, ...]:
+    """Parse a value over 0 for each axis, such as ``10,30,10,30``.
+
+    Raises
+    ------
+    InputError
+        The text has not four numbers over 0.
+    """
+    values = numbers(text)
+    if len(values) != len(AXES) or not all(0 < value < float("inf") for value in values):
+        raise InputError(f"'{text}': give four numbers over 0, of light θ, light φ, camera θ and camera φ")
+    return values
+
+
+@dataclass(frozen=True)
+class Outputs:
+    plan: Annotated[Path, "OUT", "plan.json"]
+    draw: Annotated[Path | None, "--draw FILE", "drawing of the directions and the way through them (.svg or .png)"] = (
+        None
+    )
+
+
 @dataclass(frozen=True)
 class Options:
     fabric: Annotated[str, "name of the fabric"]
-    thetas: Annotated[Sequence[float], "--thetas 0,5,10,…", "polar angles in degrees", numbers]
-    phis: Annotated[int, "number of meridians"]
     exposures: Annotated[Sequence[float], "--exposures 0.04,0.01,…", "shutter times in seconds", numbers]
-    meridians: Annotated[int, "meridians in a group"] = 4
+    thetas: Annotated[Sequence[float], "--thetas 0,5,10,…", "polar angles of a grid in degrees", numbers] = ()
+    phis: Annotated[int, "number of meridians of a grid"] = 0
+    meridians: Annotated[int, "meridians in a group of a grid"] = 4
+    directions: Annotated[
+        Path | None,
+        "--directions FILE",
+        "instead of a grid, a sheet with the columns theta and phi, and perhaps camera_theta, camera_phi and group",
+    ] = None
     lamp_mm: Annotated[float | None, "distance of the lamp"] = None
     field_mm: Annotated[float | None, "width of the field"] = None
     camera_mm: Annotated[float | None, "distance of the camera's centre of projection"] = None
+    backlash: Annotated[float, "degrees by which an axis goes beyond a target that it would reach from below"] = 0.0
+    speeds: Annotated[Sequence[float], "--speeds A,B,C,D", "top speeds of the four axes in deg/s", four] = ()
+    accelerations: Annotated[Sequence[float], "--accelerations A,B,C,D", "their accelerations in deg/s²", four] = ()
+    lux: Annotated[float | None, "illuminance on the fabric under the open shutter, for the dose in lux hours"] = None
+    frame_mb: Annotated[float, "megabytes of a frame, for the room on the disk"] = FRAME_BYTES / 1e6
 
 
-def main(out: Annotated[Path, "OUT", "plan.json"], options: Options) -> None:
-    """Write the plan."""
+def main(out: Outputs, options: Options) -> None:
+    """Write the plan, print its table, and draw it where that is asked for."""
     o = options
+    if out.draw and out.draw.suffix not in (".svg", ".png"):
+        raise InputError(f"{out.draw}: is neither .svg nor .png; give one of them")
     distances = Distances(o.lamp_mm, o.field_mm, o.camera_mm)
-    write_plan(out, plan_grid(o.fabric, o.thetas, o.phis, o.exposures, o.meridians, distances))
+    rig = Rig(with_motion(AXES, o.speeds, o.accelerations), o.backlash)
+    if o.directions is not None:
+        if o.thetas or o.phis:
+            raise InputError(f"{o.directions}: takes the place of --thetas and --phis; leave them out")
+        plan = plan_directions(o.fabric, read_directions(o.directions), o.exposures, distances, rig)
+    else:
+        plan = plan_grid(o.fabric, o.thetas, o.phis, o.exposures, o.meridians, distances, rig)
+    write_plan(out.plan, plan)
+    if out.draw:
+        write(out.draw, draw_plan(plan))
+    print(plan_table(plan, rig, round(1e6 * o.frame_mb), o.lux))

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from kinran.base.files import InputError
+from kinran.capture.arms import go
 from kinran.capture.brackets_taken import JournalBracket, Wanted, missing, read_brackets
 from kinran.capture.journal import Journal, Record
 from kinran.capture.store import digest_on_card, land, quarantine, remove_parts, set_aside
@@ -38,7 +39,7 @@ FRAME_LIMIT_S = 60.0
 LONG_S = 1.0
 """Exposure time in seconds above which the watchdog of a dead host may close the shutter under an exposure."""
 
-SUBJECTS = {"light": "fabric", "monitor": "fabric", "dark": "dark", "white": "white", "chart": "chart"}
+SUBJECTS = dict.fromkeys(("light", "monitor", "view"), "fabric") | {"dark": "dark", "white": "white", "chart": "chart"}
 """Subject before the lens for each kind of shot."""
 
 log = logging.getLogger(__name__)
@@ -235,7 +236,7 @@ class Session:
         if subject != self._subject:
             self.camera.place(subject)
             self._subject = subject
-        pose = self.rig.move(mdeg(want.shot.theta), mdeg(want.shot.phi)).position
+        pose = go(self.rig, want.shot, mdeg(self.plan.backlash))
         photodiode = self.rig.intensity()
         if not self._steady(want, photodiode):
             self._wait_for_lamp()

@@ -17,7 +17,8 @@ VERSION = 1
 LIST_GROUP = 64
 """Lights in a group of a list of photographs: eight whole shards."""
 
-Kind = Literal["light", "monitor", "dark", "white", "chart"]
+Kind = Literal["light", "monitor", "view", "dark", "white", "chart"]
+RigKind = Literal["grid", "directions"]
 Vector = tuple[float, float, float]
 
 
@@ -36,7 +37,7 @@ class PlanLight:
     direction
         Unit vector at the field's centre, away from the surface.
     grid
-        (iθ, iφ) in the plan's grid; None for a list.
+        (iθ, iφ) in the plan's grid; None in a list, but (0, 0) for the light at θ = 0 that a rig repeats.
     position_mm
         Position of the lamp in millimetres from the field's centre; None when unknown.
     """
@@ -59,9 +60,10 @@ class Shot:
     shot
         Name, unique in the plan.
     kind
-        ``light``, ``monitor`` (a repeat of the light at θ = 0), ``dark``, ``white`` or ``chart``.
+        ``light``, ``monitor`` (a repeat of the light at θ = 0), ``view`` (of the camera from the side, and the front
+        view that goes with it), ``dark``, ``white`` or ``chart``.
     light
-        Index of the shot's light; None for dark, white and chart.
+        Index of the shot's light in the radiance stack; None for shots that are no part of it.
     theta, phi
         Pose of the light arm in degrees.
     camera
@@ -83,7 +85,7 @@ class Group:
     Attributes
     ----------
     name
-        ``00``, ``01``, … or ``calibration``.
+        ``00``, ``01``, …, ``calibration`` or ``views``.
     lights
         Indices of the lights whose shards of the stack this group writes.
     shots
@@ -104,7 +106,7 @@ class Plan:
     fabric
         Name of the fabric.
     kind
-        ``grid`` for the rig, ``list`` for photographs.
+        ``grid`` or ``directions`` (a list of them) for the rig, ``list`` for photographs.
     exposures_s
         Nominal exposure times of a bracket in seconds.
     lights
@@ -120,10 +122,12 @@ class Plan:
     axis_mm
         Point (X, Y) in which the camera's axis meets the fabric, in millimetres from the middle of the crop; None for
         the middle itself.
+    backlash
+        Degrees that an axis of the rig goes beyond a target which it would reach from below, to take up its play.
     """
 
     fabric: str
-    kind: Literal["grid", "list"]
+    kind: RigKind | Literal["list"]
     exposures_s: tuple[float, ...]
     lights: tuple[PlanLight, ...]
     groups: tuple[Group, ...]
@@ -135,6 +139,12 @@ class Plan:
     encoding: str | None = None
     crop: str = ""
     axis_mm: tuple[float, float] | None = None
+    backlash: float = 0.0
+
+    @property
+    def on_rig(self) -> bool:
+        """Whether the rig shoots it; else it lists photographs."""
+        return self.kind != "list"
 
     def group(self, name: str) -> Group:
         """Return the group of this name.
@@ -198,8 +208,8 @@ def check_plan(path: Path, plan: Plan) -> None:
     InputError
         A name is unsafe or stands twice, a light is missing, or a group is not made of whole shards.
     """
-    if plan.kind not in ("grid", "list") or not plan.exposures_s or min(plan.exposures_s) <= 0:
-        raise InputError(f"{path}: kind '{plan.kind}' or exposures {plan.exposures_s} are wrong; plan again")
+    if not plan.exposures_s or min(plan.exposures_s) <= 0:
+        raise InputError(f"{path}: exposures {plan.exposures_s} are wrong; plan again")
     if [light.index for light in plan.lights] != list(range(len(plan.lights))):
         raise InputError(f"{path}: the lights are not numbered 0, 1, 2, …; plan again")
     owned = [index for group in plan.groups for index in group.lights]
@@ -212,7 +222,7 @@ def check_plan(path: Path, plan: Plan) -> None:
     for group in plan.groups:
         check_name(group.name, f"{path}: group")
         for shot in group.shots:
-            if plan.kind == "grid":
+            if plan.on_rig:
                 check_name(shot.shot, f"{path}: shot")
             if shot.shot in seen or shot.kind not in get_args(Kind):
                 raise InputError(f"{path}: shot '{shot.shot}' stands twice or is of no known kind")
@@ -224,8 +234,8 @@ def check_plan(path: Path, plan: Plan) -> None:
 def _as_json(plan: Plan) -> dict[str, Any]:
     plan = msgspec.convert(asdict(plan), Plan)  # 600 is 600.0, as it will be when the plan is read
     value = {"version": VERSION, **asdict(plan)}
-    for key in ("camera_mm", "axis_mm"):
-        if value[key] is None:  # plans that were written without these keys keep their digests
+    for key, absent in (("camera_mm", None), ("axis_mm", None), ("backlash", 0.0)):
+        if value[key] == absent:  # plans that were written without these keys keep their digests
             del value[key]
     for shot in (shot for group in value["groups"] for shot in group["shots"]):
         if shot["camera"] is None:

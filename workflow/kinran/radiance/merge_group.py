@@ -53,8 +53,7 @@ def main(inputs: Inputs, out: Outputs) -> None:
     wanted = [index for index in lights if index // SHARD in shards]
     if missing := [plan.lights[index].name for index in wanted if index not in by_light]:
         raise InputError(f"{inputs.manifest}: has no shot of light '{missing[0]}'; capture the group again")
-    rig = plan.kind == "grid"
-    gains = measure_gains(shots, calibration, inputs.manifest) if rig else distance_gains(shots, plan)
+    gains = measure_gains(shots, calibration, inputs.manifest) if plan.on_rig else distance_gains(shots, plan)
     saturated, samples = 0, 0
     for shard in progress(shards, f"group {group}", "shards"):
         with ShardWriter(out.stack, calibration.height, calibration.width) as writer:

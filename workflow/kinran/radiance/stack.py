@@ -48,7 +48,7 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "radiance stack (.zarr)"], 
         if not receipt.is_file():
             raise InputError(f"{receipt}: is missing; merge the group first")
     held = held_out([light.grid for light in plan.lights], options.holdout, inputs.plan)
-    if plan.kind == "grid":
+    if plan.on_rig:
         groups = [(path, read_manifest(path, plan)) for path in inputs.manifests]
         write_shards(out, *last_shard(plan, calibration, groups))
     for shard in range(-(-len(plan.lights) // SHARD)):

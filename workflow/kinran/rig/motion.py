@@ -4,9 +4,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
 Pose = tuple[int, int, int, int]
 """Light θ, light φ, camera θ, camera φ in millidegrees."""
 CLEARANCE_MDEG = 8_000
@@ -75,16 +72,6 @@ def travelled(distance: float, speed: float, acceleration: float, seconds: float
 def move_time(start: Sequence[float], end: Sequence[float], axes: Sequence[Axis] = AXES) -> float:
     """Return the seconds of a coordinated move between two poses in millidegrees, without settling."""
     return max(travel_time(b - a, axis.speed, axis.acceleration) for a, b, axis in zip(start, end, axes, strict=False))
-
-
-def move_times(starts: ArrayLike, ends: ArrayLike, axes: Sequence[Axis] = AXES) -> NDArray[np.float64]:
-    """Return `move_time` of every pair of poses (n, axis) and (m, axis), as (n, m) seconds."""
-    distances = np.abs(np.asarray(starts, float)[:, None] - np.asarray(ends, float)[None])
-    used = axes[: distances.shape[2]]
-    speed, acceleration = (np.array([[a.speed, a.acceleration] for a in used], float).T)[:, None, None]
-    short = 2 * np.sqrt(distances / acceleration)
-    long = distances / speed + speed / acceleration
-    return np.asarray(np.where(distances <= speed**2 / acceleration, short, long).max(-1))
 
 
 def approach(

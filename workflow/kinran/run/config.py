@@ -14,11 +14,13 @@ from kinran.base import encoding
 from kinran.base.distances import Distances
 from kinran.base.files import InputError
 from kinran.base.project import ROOT
-from kinran.capture.grid import group_names, plan_grid
+from kinran.base.sheets import read_sheet
+from kinran.capture import grid
+from kinran.capture.assembly import CALIBRATION
+from kinran.capture.directions import Directions, read_directions
 from kinran.data.capture_plan import list_group_names
 from kinran.data.lights import lp_file, read_lp
 from kinran.fit.few_lights import FEW_LIGHTS
-from kinran.run.sheets import read_sheet
 
 OF_PHOTOGRAPHS = ("lamp_mm", "field_mm", "camera_mm", "chart", "chart_corners", "lamp")
 """Columns of the sheet of fabrics that it need not have."""
@@ -172,12 +174,14 @@ def _fabric(row: dict[str, str], rig: dict[str, Any], sheet: str) -> FabricRow:
                 f" config.yaml; leave {given[0]} empty in its row"
             )
         chart = ChartShot(None, rig["chart_corners"], rig["lamp"])
-        groups = tuple(group_names(rig["thetas"], rig["phis"], rig["meridians"]))
-        lights = tuple(group for group in groups if group != "calibration")
-        count = (len(rig["thetas"]) - 1) * rig["phis"] + 1
-        everything = (*lights, "calibration")
+        if listed := rig_directions(rig):
+            names, count = listed.group_names, listed.count
+        else:
+            names = grid.group_names(rig["thetas"], rig["phis"], rig["meridians"])
+            count = (len(rig["thetas"]) - 1) * rig["phis"] + 1
+        lights = tuple(name for name in names if name != CALIBRATION)
         return FabricRow(
-            row["fabric"], None, "", "", regions, row["seeds"], distances, chart, count, lights, everything
+            row["fabric"], None, "", "", regions, row["seeds"], distances, chart, count, lights, tuple(names)
         )
     folder = Path(row["source"])
     encoded = row["encoding"] or "srgb"
@@ -199,6 +203,34 @@ def _fabric(row: dict[str, str], rig: dict[str, Any], sheet: str) -> FabricRow:
     )
 
 
+def rig_directions(rig: dict[str, Any]) -> Directions | None:
+    """Return the directions of the sheet that the section `rig` of the config names; None for a grid.
+
+    Raises
+    ------
+    InputError
+        The sheet is wrong.
+    """
+    return None if rig["plan"] == "grid" else read_directions(Path(rig["plan"]))
+
+
+def directions_options(rig: dict[str, Any]) -> str:
+    """Return the options of `kinran plan` for the directions of the light."""
+    if rig["plan"] != "grid":
+        return f"--directions {shlex.quote(rig['plan'])}"
+    thetas = ",".join(f"{theta:g}" for theta in rig["thetas"])
+    return f"--thetas {thetas} --phis {rig['phis']} --meridians {rig['meridians']}"
+
+
+def motion_options(rig: dict[str, Any]) -> str:
+    """Return the options of `kinran plan` for the motion of the rig, as far as the config states it."""
+    options = [f"--backlash {rig['backlash']:g}"] if rig["backlash"] else []
+    for name in ("speeds", "accelerations"):
+        if rig.get(name):
+            options.append(f"--{name} {','.join(f'{value:g}' for value in rig[name])}")
+    return " ".join(options)
+
+
 def read_revisions(config: dict[str, Any], fabrics: dict[str, FabricRow]) -> Callable[[str, str], str]:
     """Read the sheet of directions to shoot again.
 
@@ -210,12 +242,12 @@ def read_revisions(config: dict[str, Any], fabrics: dict[str, FabricRow]) -> Cal
     Raises
     ------
     InputError
-        A row is wrong, or names a direction that the rig's grid does not have.
+        A row is wrong, or names a direction that the rig's plan does not have.
     """
     sheet, rig = config["recapture"], config["rig"]
     wanted: dict[tuple[str, str], dict[str, int]] = {}
     rows = read_sheet(sheet)
-    grid = plan_grid("grid", rig["thetas"], rig["phis"], [1.0], rig["meridians"]).groups if rows else ()
+    listed = rig_directions(rig) if rows else None
     for row in rows:
         check(
             dict(row),
@@ -225,15 +257,13 @@ def read_revisions(config: dict[str, Any], fabrics: dict[str, FabricRow]) -> Cal
         theta, phi = float(row["theta"]), float(row["phi"])
         if row["fabric"] not in fabrics or fabrics[row["fabric"]].folder is not None:
             raise InputError(f"{sheet}: '{row['fabric']}' is no fabric on the rig; correct the row")
-        found = [
-            (group.name, shot.shot)
-            for group in grid
-            if group.lights
-            for shot in group.shots
-            if shot.kind in ("light", "monitor") and abs(shot.theta - theta) + abs(shot.phi - phi) < 1e-6
-        ]
+        if listed:
+            found = listed.find_shots(theta, phi)
+        else:
+            found = grid.find_shots(rig["thetas"], rig["phis"], rig["meridians"], theta, phi)
         if not found:
-            raise InputError(f"{sheet}: θ = {theta:g}, φ = {phi:g} is no direction of the grid; correct the row")
+            where = rig["plan"] if listed else "the grid"
+            raise InputError(f"{sheet}: θ = {theta:g}, φ = {phi:g} is no direction of {where}; correct the row")
         for group, name in found:
             shots = wanted.setdefault((row["fabric"], group), {})
             shots[name] = max(shots.get(name, 0), int(row["revision"]))

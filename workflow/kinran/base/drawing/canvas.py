@@ -15,7 +15,9 @@ from kinran.base.files import atomic
 
 INK, FAINT, GRID, PAPER = "#2b2723", "#8a8178", "#e4ddd3", "#fffdf9"
 """Colours of text and lines, of what stands back, of grids, and of the background."""
-PLAIN = str.maketrans({"θ": "theta", "µ": "u", "–": "-", "×": "x", "≤": "<=", "≥": ">=", "…": "...", "·": "."})
+PLAIN = str.maketrans(
+    {"θ": "theta", "φ": "phi", "µ": "u", "–": "-", "×": "x", "≤": "<=", "≥": ">=", "…": "...", "·": "."}
+)
 """Replacements of characters that Pillow's own font lacks."""
 DASH, STEP = 5, 9
 """Length of a dash, and of a dash with its gap, in pixels."""
