@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kinran.rig.motion import move_time, travel_time, travelled
+from kinran.rig.motion import approach, move_time, travel_time, travelled
 
 
 def test_known_times() -> None:
@@ -35,3 +35,23 @@ def test_speed_and_acceleration_are_kept(distance: float, speed: float, accelera
     assert min(speeds) >= -1e-6 * distance
     assert max(speeds) <= speed * (1 + 1e-6)
     assert path[steps // 4] + path[-1 - steps // 4] == pytest.approx(distance, rel=1e-6)
+
+
+def test_axes_arrive_from_above() -> None:
+    """An axis that would come from below goes beyond its target first, while the others are already there."""
+    assert approach((0, 0), (5_000, 5_000), 500) == [(5_500, 5_500), (5_000, 5_000)]
+    assert approach((10_000, 10_000), (5_000, 5_000), 500) == [(5_000, 5_000)]
+    assert approach((0, 10_000), (5_000, 5_000), 500) == [(5_500, 5_000), (5_000, 5_000)]
+    assert approach((0, 0, 10_000, 0), (5_000, 0, 5_000, 90_000), 500)[0] == (5_500, 0, 5_000, 90_500)
+    assert approach((0, 0), (5_000, 5_000), 0) == [(5_000, 5_000)]
+
+
+def test_an_axis_that_stands_on_its_target_stays() -> None:
+    assert approach((4_985, 5_012), (5_000, 5_000), 500) == [(5_000, 5_000)]
+
+
+def test_approach_keeps_the_limits() -> None:
+    """θ ends at 90°, φ at 370°: the play is taken up as far as there is room."""
+    assert approach((0, 0), (89_800, 369_900), 500) == [(90_000, 370_000), (89_800, 369_900)]
+    assert approach((0, 0), (90_000, 0), 500) == [(90_000, 0)]
+    assert approach((5_000, 5_000), (0, -10_000), 500) == [(0, -10_000)]
