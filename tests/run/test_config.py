@@ -10,7 +10,7 @@ import yaml
 
 from kinran.base.files import InputError
 from kinran.base.project import ROOT
-from kinran.run.config import SCHEMAS, lobes_of, read_fabrics, read_revisions
+from kinran.run.config import SCHEMAS, directions_options, lobes_of, motion_options, read_fabrics, read_revisions
 
 SHIPPED = yaml.safe_load((ROOT / "config.yaml").read_text())
 FABRICS = "fabric\tsource\tencoding\tcrop\tregions\tseeds"
@@ -59,6 +59,7 @@ def test_the_shipped_config_is_good() -> None:
         (lambda c: c.update(fabrics="none.tsv"), "none.tsv: cannot be read"),
         (lambda c: c["virtual"].update(texels=4), "virtual.texels"),
         (lambda c: c["rig"].update(camera_mm=0), "rig.camera_mm"),
+        (lambda c: c["rig"].update(backlash=-1), "rig.backlash"),
         (lambda c: c["rig"].update(chart_corners="1,2,3"), "rig.chart_corners"),
     ],
 )
@@ -109,6 +110,61 @@ def test_revisions_of_a_group(project: Path) -> None:
 def test_a_monitor_can_be_shot_again(project: Path) -> None:
     sheet(project, "recapture", RECAPTURE, "tiny\t0\t60\t1\tlamp")
     assert read(copy.deepcopy(SHIPPED))("tiny", "01") == '{"monitor_5": 1}'
+
+
+def listed(project: Path, *rows: str) -> dict[str, Any]:
+    """The shipped config with a sheet of directions in the place of its grid."""
+    (project / "directions.csv").write_text("\n".join(["theta,phi", *rows]) + "\n")
+    config = copy.deepcopy(SHIPPED)
+    config["rig"]["plan"] = "directions.csv"
+    del config["rig"]["thetas"], config["rig"]["phis"]
+    return config
+
+
+def test_a_sheet_of_directions(project: Path) -> None:
+    """Its groups are those of the fabric, and its directions can be shot again."""
+    config = listed(project, *(f"{5 + k},{3 * k}" for k in range(70)))
+    tiny = read_fabrics(config)["tiny"]
+    assert (tiny.light_groups, tiny.all_groups, tiny.lights) == (("00", "01"), ("00", "01", "calibration"), 71)
+    assert directions_options(config["rig"]) == "--directions directions.csv"
+    sheet(project, "recapture", RECAPTURE, "tiny\t5\t0\t1\tx", "tiny\t74\t207\t2\ty", "tiny\t0\t0\t1\tz")
+    revisions = read(config)
+    assert (
+        revisions("tiny", "00")
+        == '{"monitor_00_1": 1, "monitor_00_2": 1, "monitor_00_3": 1, "monitor_00_4": 1, "t05_p000": 1}'
+    )
+    assert revisions("tiny", "01") == '{"monitor_01_1": 1, "monitor_01_2": 1, "t74_p207": 2}'
+    sheet(project, "recapture", RECAPTURE, "tiny\t5\t1\t1\tx")
+    with pytest.raises(InputError, match=r"θ = 5, φ = 1 is no direction of directions\.csv"):
+        read(config)
+
+
+def test_a_sheet_that_cannot_be(project: Path) -> None:
+    with pytest.raises(InputError, match=r"directions\.csv: line 3: theta .x. is no number"):
+        read_fabrics(listed(project, "5,0", "x,0"))
+    config = copy.deepcopy(SHIPPED)
+    config["rig"]["plan"] = "none.tsv"
+    with pytest.raises(InputError, match=r"none\.tsv: cannot be read"):
+        read_fabrics(config)
+
+
+@pytest.mark.usefixtures("project")
+def test_a_grid_needs_its_angles() -> None:
+    config = copy.deepcopy(SHIPPED)
+    del config["rig"]["phis"]
+    with pytest.raises(InputError, match="rig: 'phis' is a required property"):
+        read_fabrics(config)
+
+
+@pytest.mark.usefixtures("project")
+def test_motion_of_the_rig() -> None:
+    """What the config leaves out is left to the command."""
+    config = copy.deepcopy(SHIPPED)
+    read_fabrics(config)
+    assert motion_options(config["rig"]) == ""
+    assert directions_options(config["rig"]).endswith("--phis 24 --meridians 4")
+    rig = {**config["rig"], "backlash": 0.5, "speeds": [5, 15, 5, 15]}
+    assert motion_options(rig) == "--backlash 0.5 --speeds 5,15,5,15"
 
 
 def test_one_lobe_where_lights_are_few(project: Path) -> None:
