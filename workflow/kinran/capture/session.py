@@ -343,7 +343,7 @@ class Session:
 
     def _quarantine(self, names: list[str], reason: str, void: bool = True) -> None:
         """Copy files aside that are not to be used; with `void` the bracket under way becomes invalid."""
-        landed = quarantine(self.camera, self.root, names)
+        landed = quarantine(self.camera, self.root, names) if names else []
         files = [
             {"name": name, "file": each.file, "sha256": each.sha256} for name, each in zip(names, landed, strict=True)
         ]
