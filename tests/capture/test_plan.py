@@ -72,6 +72,15 @@ def test_monitors_stand_together_at_an_end(paper: Plan) -> None:
         assert places == ([0, 1, 2, 3] if up else [64, 65, 66, 67])
 
 
+def test_monitors_alone_follow_the_lamp_from_even_places() -> None:
+    """Without a photodiode: the first and the last shot of a group, and the others evenly between them."""
+    plan = grid.plan_grid("gold", PAPER, 8, BRACKET, rig=Rig(photodiode=False))
+    for group in plan.groups[:-1]:
+        places = [i for i, shot in enumerate(group.shots) if shot.kind == "monitor"]
+        assert (places[0], places[-1]) == (0, len(group.shots) - 1)
+        assert np.ptp(np.diff(places)) <= 1
+
+
 def test_travel_of_the_whole_plan(paper: Plan) -> None:
     """Every move, calibration included, is 1.15 times the spanning tree of the grid's 1224 poses at most: 11.9 min.
 

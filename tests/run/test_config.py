@@ -163,8 +163,8 @@ def test_motion_of_the_rig() -> None:
     read_fabrics(config)
     assert motion_options(config["rig"]) == ""
     assert directions_options(config["rig"]).endswith("--phis 24 --meridians 4")
-    rig = {**config["rig"], "backlash": 0.5, "speeds": [5, 15, 5, 15]}
-    assert motion_options(rig) == "--backlash 0.5 --speeds 5,15,5,15"
+    rig = {**config["rig"], "backlash": 0.5, "speeds": [5, 15, 5, 15], "photodiode": False}
+    assert motion_options(rig) == "--backlash 0.5 --speeds 5,15,5,15 --no-photodiode"
 
 
 def test_one_lobe_where_lights_are_few(project: Path) -> None:

@@ -8,7 +8,7 @@ from kinran.base.distances import Distances, check_lengths
 from kinran.base.files import InputError, check_name
 from kinran.base.frames import direction
 from kinran.capture.arms import Pose, pose_of, shots_time
-from kinran.capture.order import order_group, order_views
+from kinran.capture.order import EVEN_S, PLACE_S, order_group, order_views
 from kinran.data.capture_plan import Group, Plan, PlanLight, RigKind, Shot, Vector
 from kinran.rig.errors import LimitError
 from kinran.rig.goniometer import Identity, check_pose
@@ -44,14 +44,17 @@ class Rig:
         Limits, speeds and accelerations of its axes.
     backlash
         Play of the axes in degrees, as in `Plan`.
+    photodiode
+        Whether it measures its lamp at every shot; else monitors, spread evenly, are all that follows the lamp.
     """
 
     axes: Four = AXES
     backlash: float = 0.0
+    photodiode: bool = True
 
 
 RIG = Rig()
-"""A rig that has not said its axes, without play."""
+"""A rig that has not said its axes, without play, with a photodiode."""
 
 
 @dataclass(frozen=True)
@@ -105,11 +108,12 @@ def assemble(
         raise InputError(f"backlash {rig.backlash:g}: give degrees from 0 to {MOST_BACKLASH:g}")
     check_lengths(distances)
     backlash, pole, at = mdeg(rig.backlash), lights[-1], HOME
+    place_s = PLACE_S if rig.photodiode else EVEN_S
     planned = []
     for name, members in groups.items():
         own = [light for light in members.lights if light.index != pole.index]
         poses = [(mdeg(light.theta), mdeg(light.phi)) for light in own]
-        found = order_group(at, poses, len(members.monitors), rig.axes, backlash)
+        found = order_group(at, poses, len(members.monitors), rig.axes, backlash, place_s)
         names = iter(members.monitors)
         shots = tuple(
             Shot(next(names), "monitor", pole.index, 0.0, pose[1] / 1000)

@@ -21,6 +21,8 @@ Seconds = NDArray[np.float64]
 PLACE_S = 0.02
 """Seconds of detour that a monitor is worth for each shot by which it stands nearer to its even share: a choice, by
 which the monitors of a group of 64 are spread where that costs a second, and kept together where it costs a trip."""
+EVEN_S = 100.0
+"""The same where monitors alone follow the lamp: they stand at their even shares, whatever the trips to θ = 0 cost."""
 STARTS = 6
 """Directions from which tours of nearest neighbours begin: more of them gain less than 1 % on random lists."""
 LONGEST_RUN = 3
@@ -77,7 +79,12 @@ def spanning_time(poses: Sequence[Pose], axes: Sequence[Axis] = AXES) -> float:
 
 
 def order_group(
-    start: Pose, poses: Sequence[Pose], monitors: int, axes: Sequence[Axis] = AXES, backlash: int = 0
+    start: Pose,
+    poses: Sequence[Pose],
+    monitors: int,
+    axes: Sequence[Axis] = AXES,
+    backlash: int = 0,
+    place_s: float = PLACE_S,
 ) -> list[tuple[int | None, Pose]]:
     """Return the order of a group's lights, with monitors at θ = 0 in it.
 
@@ -94,6 +101,8 @@ def order_group(
         Number of monitors. Their φ is free, and is that of a neighbour.
     axes, backlash
         As in `travel_time`.
+    place_s
+        Seconds of detour that a monitor is worth for each shot by which it stands nearer to its even share.
 
     Returns
     -------
@@ -104,7 +113,7 @@ def order_group(
     for candidates in (_rows(np.array(poses)), _tours(start, poses, bool(monitors), axes)):
         for order in candidates:
             shots: list[tuple[int | None, Pose]] = [(int(i), poses[i]) for i in order]
-            for gap, phi in reversed(_monitor_places(start, [poses[i] for i in order], monitors, axes)):
+            for gap, phi in reversed(_monitor_places(start, [poses[i] for i in order], monitors, axes, place_s)):
                 shots.insert(gap, (None, (0, phi)))
             seconds = travel_time([start, *(pose for _, pose in shots)], axes, backlash)
             found.append((round(seconds, 6), len(found), shots))
@@ -257,10 +266,12 @@ def _joined(first: Sequence[int], middle: Order, last: Sequence[int]) -> Order:
     return np.concatenate([np.array(first, np.intp), middle, np.array(last, np.intp)])
 
 
-def _monitor_places(start: Pose, lights: list[Pose], count: int, axes: Sequence[Axis]) -> list[tuple[int, int]]:
+def _monitor_places(
+    start: Pose, lights: list[Pose], count: int, axes: Sequence[Axis], place_s: float
+) -> list[tuple[int, int]]:
     """Return the place in an order of lights and the φ of each monitor.
 
-    The sum of all detours, and of `PLACE_S` for each shot between a monitor and its even share, is the least. The
+    The sum of all detours, and of `place_s` for each shot between a monitor and its even share, is the least. The
     first monitor at a place costs the detour, others at that place nothing.
     """
     if not count:
@@ -273,7 +284,7 @@ def _monitor_places(start: Pose, lights: list[Pose], count: int, axes: Sequence[
     at_after = to_pole[before, after] + to_pole[after, after] - direct
     detour = np.append(np.minimum(at_before, at_after), to_pole[n, n])
     shares = np.linspace(0, n, count)[:, None] if count > 1 else np.zeros((1, 1))
-    away = PLACE_S * np.abs(np.arange(n + 1) - shares)
+    away = place_s * np.abs(np.arange(n + 1) - shares)
     spent, back = detour + away[0], []
     for k in range(1, count):
         least = np.minimum.accumulate(spent)

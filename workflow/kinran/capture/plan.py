@@ -71,6 +71,7 @@ class Options:
     backlash: Annotated[float, "degrees by which an axis goes beyond a target that it would reach from below"] = 0.0
     speeds: Annotated[Sequence[float], "--speeds A,B,C,D", "top speeds of the four axes in deg/s", four] = ()
     accelerations: Annotated[Sequence[float], "--accelerations A,B,C,D", "their accelerations in deg/s²", four] = ()
+    photodiode: Annotated[bool, "whether the rig measures its lamp; if not, monitors are spread over each group"] = True
     lux: Annotated[float | None, "illuminance on the fabric under the open shutter, for the dose in lux hours"] = None
     frame_mb: Annotated[float, "megabytes of a frame, for the room on the disk"] = FRAME_BYTES / 1e6
 
@@ -81,7 +82,7 @@ def main(out: Outputs, options: Options) -> None:
     if out.draw and out.draw.suffix not in (".svg", ".png"):
         raise InputError(f"{out.draw}: is neither .svg nor .png; give one of them")
     distances = Distances(o.lamp_mm, o.field_mm, o.camera_mm)
-    rig = Rig(with_motion(AXES, o.speeds, o.accelerations), o.backlash)
+    rig = Rig(with_motion(AXES, o.speeds, o.accelerations), o.backlash, o.photodiode)
     if o.directions is not None:
         if o.thetas or o.phis:
             raise InputError(f"{o.directions}: takes the place of --thetas and --phis; leave them out")

@@ -228,6 +228,8 @@ def motion_options(rig: dict[str, Any]) -> str:
     for name in ("speeds", "accelerations"):
         if rig.get(name):
             options.append(f"--{name} {','.join(f'{value:g}' for value in rig[name])}")
+    if not rig["photodiode"]:
+        options.append("--no-photodiode")
     return " ".join(options)
 
 
