@@ -44,13 +44,15 @@ def main(args: argparse.Namespace) -> None:
         began = time.process_time()
         plan = plan_grid("x", thetas, phis, (0.04,), rig=Rig(axes))
         rows.append(row(f"{name}, {speeds[0]:g} and {speeds[1]:g}°/s", plan, naive, axes, time.process_time() - began))
-    for count in LISTS:
-        listed = scattered(count)
+    for count, turned in itertools.product(LISTS, (False, True)):
+        listed = sorted(scattered(count), key=lambda each: each.phi) if turned else scattered(count)
         poses = [(mdeg(each.theta), mdeg(each.phi)) for each in listed]
         groups = {f"{k:02d}": listed[64 * k : 64 * k + 64] for k in range(math.ceil(count / 64))}
         began = time.process_time()
         plan = plan_directions("x", Directions(groups, []), (0.04,))
-        rows.append(row(f"random {count}", plan, poses, AXES, time.process_time() - began))
+        rows.append(
+            row(f"random {count}{', sorted by φ' if turned else ''}", plan, poses, AXES, time.process_time() - began)
+        )
     rows += resumes()
     columns = ["what", "travel_min", "given_min", "bound_min", "ratio", "of_given", "of_groups", "seconds"]
     print("  ".join(f"{name:>10}" if k else f"{name:28}" for k, name in enumerate(columns)))

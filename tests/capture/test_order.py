@@ -102,6 +102,16 @@ def test_any_directions(count: int) -> None:
         assert travel_time(poses) > 2 * travel_time(way)
 
 
+def test_a_list_sorted_by_azimuth() -> None:
+    """In groups of 64 it keeps within 15 % of the spanning tree of all; in no order each group crosses everything."""
+    poses = scattered(256, 5)
+    for listed, low, high in ((sorted(poses, key=lambda pose: pose[1]), 1.0, 1.15), (poses, 1.5, 2.0)):
+        way = [
+            pose for group in planned([(listed[k : k + 64], 4) for k in range(0, 256, 64)], AXES) for _, pose in group
+        ]
+        assert low < travel_time(way) / spanning_time(way) < high
+
+
 def test_monitors_are_spread_where_it_costs_little() -> None:
     """With the quick θ inside, an order passes θ = 0 more often: half of the monitors at each end."""
     poses = meridians(PAPER, 72, 0, 4)
@@ -122,14 +132,14 @@ def test_play_turns_the_rows() -> None:
 
 
 def test_steps_reach_the_best_order_of_a_few() -> None:
-    """2-opt and Or-opt against all 5040 orders of seven poses, from a bad one: 4 % above the best at most."""
-    for seed in range(6):
+    """2-opt and Or-opt against all 5040 orders of seven poses, from a bad one: 1.5 % above the best at most, 2-opt alone 2.5 %."""
+    for seed in range(20):
         poses = scattered(7, seed)
         times = move_times(poses, poses)
         every = np.array(list(itertools.permutations(range(7))))
         best = times[every[:, :-1], every[:, 1:]].sum(1).min()
         found = improved(np.arange(7), times)
-        assert times[found[:-1], found[1:]].sum() <= 1.04 * best
+        assert times[found[:-1], found[1:]].sum() <= 1.015 * best
 
 
 def test_ends_stay() -> None:

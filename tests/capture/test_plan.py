@@ -17,7 +17,7 @@ from kinran.capture.arms import shots_time
 from kinran.capture.assembly import CALIBRATION_MONITORS, CAMERA_S, RIG, Rig
 from kinran.capture.order import spanning_time
 from kinran.capture.plan_drawing import RADIUS, draw_plan
-from kinran.capture.plan_table import plan_table
+from kinran.capture.plan_table import frame_bytes, plan_table
 from kinran.data.capture_plan import Plan, read_plan, write_plan
 from kinran.rig.motion import AXES, mdeg, with_motion
 
@@ -159,6 +159,15 @@ def test_table(paper: Plan) -> None:
     assert float(total[8]) == pytest.approx(6155 * 0.02)
     assert "1.16 times the minimum spanning tree" in bound
     assert "lux h" not in plan_table(paper, RIG)
+
+
+def test_disk_is_that_of_the_frames_so_far(tmp_path: Path) -> None:
+    assert frame_bytes(tmp_path) == 20_000_000
+    for name, size in (("00/a.cr2", 300), ("00/b.cr2", 700), ("01/c.part", 400)):
+        path = tmp_path / "frames" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(bytes(size))
+    assert frame_bytes(tmp_path) == 700
 
 
 def test_drawing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

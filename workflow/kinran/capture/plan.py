@@ -12,7 +12,7 @@ from kinran.capture.assembly import Rig
 from kinran.capture.directions import plan_directions, read_directions
 from kinran.capture.grid import plan_grid
 from kinran.capture.plan_drawing import draw_plan
-from kinran.capture.plan_table import FRAME_BYTES, plan_table
+from kinran.capture.plan_table import frame_bytes, plan_table
 from kinran.data.capture_plan import write_plan
 from kinran.rig.motion import AXES, with_motion
 
@@ -73,7 +73,9 @@ class Options:
     accelerations: Annotated[Sequence[float], "--accelerations A,B,C,D", "their accelerations in deg/s²", four] = ()
     photodiode: Annotated[bool, "whether the rig measures its lamp; if not, monitors are spread over each group"] = True
     lux: Annotated[float | None, "illuminance on the fabric under the open shutter, for the dose in lux hours"] = None
-    frame_mb: Annotated[float, "megabytes of a frame, for the room on the disk"] = FRAME_BYTES / 1e6
+    frame_mb: Annotated[
+        float | None, "megabytes of a frame, for the room on the disk (default: the largest beside the plan, or 20)"
+    ] = None
 
 
 def main(out: Outputs, options: Options) -> None:
@@ -92,4 +94,5 @@ def main(out: Outputs, options: Options) -> None:
     write_plan(out.plan, plan)
     if out.draw:
         write(out.draw, draw_plan(plan))
-    print(plan_table(plan, rig, round(1e6 * o.frame_mb), o.lux))
+    size = frame_bytes(out.plan.parent) if o.frame_mb is None else round(1e6 * o.frame_mb)
+    print(plan_table(plan, rig, size, o.lux))

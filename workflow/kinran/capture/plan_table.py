@@ -1,6 +1,7 @@
 """The table of a plan: directions, shots, frames, travel, time, dose and disk of each group and of the whole."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from kinran.capture.arms import pose_of, shots_time
 from kinran.capture.assembly import LIT, Rig, bracket_time
@@ -12,7 +13,13 @@ FRAME_BYTES = 20_000_000
 """Bytes of a frame: 3906 × 2602 pixels of the paper's camera in 16 bits are 20.3 MB."""
 
 
-def plan_table(plan: Plan, rig: Rig, frame_bytes: int = FRAME_BYTES, lux: float | None = None) -> str:
+def frame_bytes(folder: Path) -> int:
+    """Return the bytes of the largest frame of the capture in a folder; `FRAME_BYTES` where it has none yet."""
+    frames = (path.stat().st_size for path in (folder / "frames").glob("*/*") if path.is_file())
+    return max(frames, default=FRAME_BYTES)
+
+
+def plan_table(plan: Plan, rig: Rig, each: int = FRAME_BYTES, lux: float | None = None) -> str:
     """Return the table of a plan on a rig.
 
     The way to a group counts for the group. Its time holds moves, rests and brackets, and neither homing, warm-up nor a
@@ -24,7 +31,7 @@ def plan_table(plan: Plan, rig: Rig, frame_bytes: int = FRAME_BYTES, lux: float 
         The plan.
     rig
         Rig that shoots it.
-    frame_bytes
+    each
         Bytes of a frame.
     lux
         Illuminance on the fabric under the open shutter in lux, for the dose in lux hours; None when unknown.
@@ -34,10 +41,10 @@ def plan_table(plan: Plan, rig: Rig, frame_bytes: int = FRAME_BYTES, lux: float 
     before: list[Shot] = []
     for group in plan.groups:
         travel = shots_time([*before, *group.shots], rig.axes, backlash)
-        rows.append(_row(plan, group.name, len(group.lights), group.shots, travel, frame_bytes, lux))
+        rows.append(_row(plan, group.name, len(group.lights), group.shots, travel, each, lux))
         before = [group.shots[-1]]
     every = [shot for group in plan.groups for shot in group.shots]
-    rows.append(_row(plan, "all", len(plan.lights), every, shots_time(every, rig.axes, backlash), frame_bytes, lux))
+    rows.append(_row(plan, "all", len(plan.lights), every, shots_time(every, rig.axes, backlash), each, lux))
     kept = [k for k, name in enumerate(rows[0]) if lux is not None or name != "lux h"]
     widths = [max(len(row[k]) for row in rows) for k in kept]
     lines = ["  ".join(row[k].rjust(width) for k, width in zip(kept, widths, strict=True)) for row in rows]
@@ -55,7 +62,7 @@ def compared(plan: Plan, rig: Rig) -> str:
 
 
 def _row(
-    plan: Plan, name: str, lights: int, shots: Sequence[Shot], travel: float, frame_bytes: int, lux: float | None
+    plan: Plan, name: str, lights: int, shots: Sequence[Shot], travel: float, each: int, lux: float | None
 ) -> list[str]:
     frames = len(shots) * len(plan.exposures_s)
     bracket = bracket_time(plan.exposures_s)
@@ -69,5 +76,5 @@ def _row(
         f"{(travel + len(shots) * (bracket + SETTLE_S)) / 60:.1f}",
         f"{lit:.0f}",
         f"{lit * (lux or 0) / 3600:.4g}",
-        f"{frames * frame_bytes / 1e9:.2f}",
+        f"{frames * each / 1e9:.2f}",
     ]
