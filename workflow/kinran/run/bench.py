@@ -7,7 +7,7 @@ import sys
 from kinran.base.files import InputError
 from kinran.base.project import ROOT
 
-NAMES = ("chart", "choice", "fit", "merge", "mixed", "plan", "real", "stability")
+NAMES = ("adaptive", "chart", "choice", "fit", "merge", "mixed", "plan", "real", "stability")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
