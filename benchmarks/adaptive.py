@@ -32,6 +32,7 @@ from kinran.fit import design, learned_priors, under_priors
 from kinran.fit.few_lights import FEW_LIGHTS
 from kinran.fit.region_priors import Priors
 from kinran.fit.samples import Samples, spread_over_regions
+from kinran.fit.slope import SlopeFit
 from kinran.fit.slope_lobes import Lobes
 
 log = logging.getLogger(__name__)
@@ -151,7 +152,7 @@ def measure(trial: Trial, offset: str, plans: tuple[str, ...] = PLANS) -> list[P
     return points
 
 
-def fitted(samples: Samples) -> tuple[design.SlopeFit, Lobes, Priors]:
+def fitted(samples: Samples) -> tuple[SlopeFit, Lobes, Priors]:
     """Fit samples as the pipeline does, with priors of as many texels as it takes."""
     lobes = lobes_for(samples.under.count)
     regions = int(samples.region.max()) + 1
@@ -176,7 +177,7 @@ def grid(directions: Array, count: int) -> Indices:
         left -= azimuths
         wanted += list(frames.direction(lowest * (k + 1) / rings, 2 * np.pi * np.arange(azimuths) / azimuths))
     nearness = np.array(wanted) @ directions.T
-    chosen = []
+    chosen: list[int] = []
     for row in nearness:
         row[chosen] = -np.inf
         chosen.append(int(row.argmax()))

@@ -21,7 +21,7 @@ def some_fit(lobes: Lobes, seed: int = 0) -> slope.SlopeFit:
     rng = np.random.default_rng(seed)
     one = np.stack([*rng.normal(0, 0.15, (2, COUNT)), *rng.normal((1.6, 0, 1.2), 0.2, (COUNT, 3)).T], 1)
     two = np.stack([*rng.normal(0, 0.15, (2, COUNT)), *rng.normal((0.5, 0, 0.7), 0.2, (COUNT, 3)).T], 1)
-    shapes = np.concatenate([one, two][: lobes.count] + [rng.normal(0, 0.03, (COUNT, 2))], 1)
+    shapes = np.concatenate([*[one, two][: lobes.count], rng.normal(0, 0.03, (COUNT, 2))], 1)
     colours = np.zeros((COUNT, lobes.count + 1, 3))
     colours[:, :, 0] = rng.uniform(0.3, 1, (COUNT, lobes.count + 1))
     return slope.SlopeFit(lobes, shapes, colours, np.ones(COUNT))
@@ -137,7 +137,7 @@ def test_few_directions_are_enough_for_two_lobes(lights: np.ndarray) -> None:
 
 
 def test_narrow_lobes_draw_directions_to_their_flanks() -> None:
-    """On texels that no fit assumes to be lobes, the choice lowers the true error more than directions spread evenly."""
+    """On texels that no fit assumes to be lobes, the choice lowers the true error more than even ones do."""
     theta, phi = np.mgrid[4:81:4, 0:360:10].reshape(2, -1)
     dense = frames.direction(*np.radians([theta, phi]))
     shapes, colours = texels(60)
