@@ -42,7 +42,7 @@ Indices = NDArray[np.intp]
 
 COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256)
 """Numbers of directions that are compared, up to those of a set. Choices."""
-TEXELS = 400
+TEXELS = 300
 """Texels of a set, evenly through its middle. A choice: a set then takes a minute."""
 SEEDS = 3
 """Random choices of directions. A choice."""

@@ -63,8 +63,8 @@ def test_a_sheet_begins_even(tmp_path: Path) -> None:
     propose.main(propose.Inputs(), sheet, OPTIONS)
     found = listed(sheet)
     assert len(found) == propose.FIRST
-    s = frames.slopes(found)
-    assert (np.linalg.norm(s[:, None] - s, axis=2) + np.eye(len(s))).min() > 0.08
+    s = frames.slopes(np.delete(found, [4, 12], 0))
+    assert (np.linalg.norm(s[:, None] - s, axis=2) + np.eye(len(s))).min() > 0.3
     np.testing.assert_allclose(found[[4, 12]], [propose.judge(0), propose.judge(1)], atol=2e-4)
 
 
