@@ -206,7 +206,7 @@ def _means(points: list[Point], measure: str) -> dict[str, dict[int, tuple[float
         result.setdefault(point.plan, {})[point.count] = (0.0, 0.0)
     for plan, by_count in result.items():
         for count in by_count:
-            logs = [np.log(getattr(p, measure)) for p in points if (p.plan, p.count) == (plan, count)]
+            logs = [np.log(max(getattr(p, measure), axes.LEAST)) for p in points if (p.plan, p.count) == (plan, count)]
             by_count[count] = (float(np.exp(np.mean(logs))), float(np.exp(np.std(logs))))
     return result
 
