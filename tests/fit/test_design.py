@@ -156,6 +156,18 @@ def test_narrow_lobes_draw_directions_to_their_flanks() -> None:
     assert error(np.r_[first, found.chosen]) < 0.9 * error(spread(dense, 24))
 
 
+def test_priors_without_weight_leave_a_choice(lights: np.ndarray) -> None:
+    """As `kinran.fit.shrinkage` leaves them where a region has several shapes; and where a fit leaves no residual."""
+    few = lights[spread(lights, 16)]
+    samples = sampled(radiance(*texels(8), few), few)
+    prior = replace(learned_priors.learn_priors(samples, 1, Lobes())[0], variance=0.0)
+    for tried in (samples, replace(samples, T=np.full_like(samples.T, 0.3))):
+        priors = Priors([prior], np.ones(16, np.float32))
+        found = design.propose(tried, Lobes(), priors, lights, lights, 8, np.ones(8))
+        assert np.isfinite(found.expected).all()
+        assert len(set(found.chosen)) == 8
+
+
 @pytest.mark.parametrize(("taken", "next_batch"), [(8, 8), (16, 8), (48, 16), (64, 16), (128, 32), (640, 64)])
 def test_batches_are_whole_shards(taken: int, next_batch: int) -> None:
     assert design.batch(taken) == next_batch

@@ -40,6 +40,8 @@ TEXELS = 256
 """Texels that directions are chosen by: more choose the same, and take longer. A choice."""
 GROUP, LARGEST = 8, 64
 """Directions of a batch: a multiple of the first, whole shards of the stack, up to a group's."""
+FAINTEST = 1e-8
+"""Least variance of a sample over the mean square of all, about that of rounding: a perfect fit is no infinity."""
 FOLDS = 4
 """Folds of the directions taken, each left out once. A choice: as for the weight of priors (`kinran.fit.shrinkage`)."""
 
@@ -102,10 +104,16 @@ class Known:
 
     @classmethod
     def of(cls, fitted: SlopeFit, samples: Samples, priors: list[Prior], share: Array) -> "Known":
-        """What a fit under these priors knows of samples."""
-        variance = np.array([prior.variance for prior in priors])[samples.region]
+        """What a fit under these priors knows of samples; their variance is that of the residuals of their region."""
+        freedom = np.maximum(3 * (samples.W > 0).sum(1) - fitted.numbers, 1)
+        known = np.bincount(samples.region, fitted.cost, len(priors)) / np.maximum(
+            np.bincount(samples.region, freedom, len(priors)), 1
+        )
+        variance = np.maximum(known, FAINTEST * float(np.mean(np.square(samples.T), where=samples.usable())))
         stiffness = np.stack([prior.stiffness() for prior in priors])[samples.region]
-        return cls(fitted, samples.under.directions, samples.W.astype(float), variance, stiffness, share)
+        return cls(
+            fitted, samples.under.directions, samples.W.astype(float), variance[samples.region], stiffness, share
+        )
 
     def covariances(self) -> Array:
         """Covariance (texel, P, P) of the shapes and of the strengths of the terms."""
@@ -242,7 +250,8 @@ class _Parameters:
         self.expected = float((covariance * self.judged).sum())
         self.J = gradients(known.fitted, candidates)
         self.moved = self.J @ covariance  # (texel, candidate, P): J Σ
-        self.total = known.variance[:, None] + (self.moved * self.J).sum(2)  # variance of the sample to come
+        self.least = known.variance[:, None]
+        self.total = self.least + (self.moved * self.J).sum(2)  # variance of the sample to come
 
     def gains(self) -> Array:
         """J Σ A Σ Jᵀ over the variance of the sample to come, summed over texels."""
@@ -253,7 +262,7 @@ class _Parameters:
         step = self.moved[:, k] / np.sqrt(self.total[:, k])[:, None]
         along = np.einsum("tmp,tp->tm", self.J, step)
         self.moved -= along[:, :, None] * step[:, None]
-        self.total -= along**2
+        self.total = np.maximum(self.total - along**2, self.least)
 
 
 class _Unfitted:
