@@ -2,7 +2,7 @@
 
 import logging
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -115,19 +115,16 @@ def main(
     _check_same(out, sheet, fabric)
     now = judged(inputs.evaluation, len(_listed(sheet)))
     said = f"{now.directions} directions: error {now.error:.3f} ± {now.deviation:.3f} on {now.held_out} lights held out"
+    count = min(design.batch(now.directions), options.most - now.directions) // design.GROUP * design.GROUP
     if now.error <= options.error and now.held_out >= LEAST_JUDGES:
         print(f"{out}: done; {said}, at most {options.error:g} was wanted")
-    elif now.directions >= options.most:
-        print(f"{out}: stops at --most; {said}, {options.error:g} was wanted")
+    elif count <= 0:
+        print(f"{out}: stops, since --most is {options.most}; {said}, {options.error:g} was wanted")
     else:
-        count = min(design.batch(now.directions), options.most - now.directions) // design.GROUP * design.GROUP
-        if not count:
-            print(f"{out}: stops under --most, of which no whole shard is left; {said}, {options.error:g} was wanted")
-        else:
-            found, gain = chosen(fabric, inputs, options, count)
-            now = Round(**{**asdict(now), "expected": round(now.error * gain, 5)})
-            _append(out, _listed(sheet), rows_of(found, now.directions, count, options.holdout))
-            print(f"{out}: {said}; adds {count}, after which {now.expected:.3f} is expected")
+        found, gain = chosen(fabric, inputs, options, count)
+        now = replace(now, expected=round(now.error * gain, 5))
+        _append(out, _listed(sheet), rows_of(found, now.directions, count, options.holdout))
+        print(f"{out}: {said}; adds {count}, after which {now.expected:.3f} is expected")
     _keep(out.with_suffix(".json"), now)
 
 
