@@ -81,6 +81,12 @@ def test_covariances_are_those_of_the_fit(lights: np.ndarray) -> None:
     np.testing.assert_allclose(ratio / np.median(ratio, 1, keepdims=True), 1, rtol=0.05)
 
 
+def test_samples_without_weight_say_nothing(lights: np.ndarray) -> None:
+    known = known_of(some_fit(Lobes()), lights)
+    half = replace(known, weights=known.weights * (np.arange(len(lights)) % 2))
+    np.testing.assert_allclose(half.covariances(), known_of(known.fitted, lights[1::2]).covariances(), rtol=1e-6)
+
+
 def test_what_is_expected_after_a_choice_is_what_a_new_start_expects(lights: np.ndarray) -> None:
     """Rank-one updates against all anew, with the directions chosen among those taken."""
     fitted, first = some_fit(Lobes()), spread(lights, 12)
