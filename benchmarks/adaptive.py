@@ -256,7 +256,9 @@ def draw(found: dict[str, list[Point]]) -> Canvas:
             for plan in PLANS[::-1]
             if plan in means
         ]
-        x = axes.logarithmic("number of directions", [p.count for p in points])
+        counts = sorted({point.count for point in points})
+        x = axes.logarithmic("number of directions", counts)
+        x = replace(x, ticks=tuple((count, str(count)) for count in counts))
         y = axes.logarithmic(f"{name}: {words}", [value for plan in means.values() for value, _ in plan.values()])
         canvas.paste(plots.lines(series, x, y, SIZE), SIZE[0] * k, 0)
     return canvas
