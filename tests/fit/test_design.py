@@ -81,6 +81,15 @@ def test_covariances_are_those_of_the_fit(lights: np.ndarray) -> None:
     np.testing.assert_allclose(ratio / np.median(ratio, 1, keepdims=True), 1, rtol=0.05)
 
 
+def test_a_lobe_that_nothing_saw_is_as_strong_as_others_may_be(lights: np.ndarray) -> None:
+    """Its strength is unknown by twice what lobes have, and not by whatever the equations bear."""
+    fitted = some_fit(Lobes())
+    fitted.shapes[:, :5] = (0.5, 0, 4, 0, 4)
+    variance = known_of(fitted, lights[lights[:, 0] < 0]).covariances()[:, -2, -2]
+    strength = fitted.colours[:, 0, 0]
+    np.testing.assert_allclose(variance, design.SPREAD**2 * (strength**2).mean(), rtol=0.2)
+
+
 def test_samples_without_weight_say_nothing(lights: np.ndarray) -> None:
     known = known_of(some_fit(Lobes()), lights)
     half = replace(known, weights=known.weights * (np.arange(len(lights)) % 2))
