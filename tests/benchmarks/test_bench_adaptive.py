@@ -4,16 +4,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from trials import shiny_trial
+from trials import shiny_trial, with_samples
 
 from benchmarks import adaptive
 from benchmarks.adaptive import Point
 from kinran.base import frames
+from kinran.compare.trial import Trial
+
+
+def noisy_trial() -> Trial:
+    trial = shiny_trial().thinned(30)
+    T = trial.samples.T
+    noise = np.random.default_rng(0).standard_normal(T.shape, np.float32)
+    return with_samples(trial, T=T * (1 + np.float32(0.02) * noise))
 
 
 def test_plans_choose_each_direction_once() -> None:
     """So many of the training lights; held-out lights are no candidates."""
-    trial = shiny_trial().thinned(30)
+    trial = noisy_trial()
     directions = trial.samples.under.directions
     for use in (adaptive.adaptive(trial, 32), adaptive.grid(directions, 32)):
         assert len(set(use.tolist())) == 32
@@ -32,7 +40,7 @@ def test_a_grid_is_regular() -> None:
 
 
 def test_every_plan_is_judged() -> None:
-    points = adaptive.measure(shiny_trial().thinned(30), "0")
+    points = adaptive.measure(noisy_trial(), "0")
     assert {(p.plan, p.count) for p in points} == {(plan, n) for plan in adaptive.PLANS for n in (16, 24, 32)}
     assert sum(p.plan == "random" for p in points) == 3 * adaptive.SEEDS
     words = adaptive.table("made here", points)
