@@ -32,7 +32,7 @@ NUGGET = 0.02
 the equations solvable."""
 REACH = 1.0
 """Distance in slopes over which a misfit is alike, over the distance of neighbours if all directions, those to be
-chosen among them, were spread evenly (`kinran bench adaptive --weights` compares others)."""
+chosen among them, were spread evenly (docs/directions.md has half of it)."""
 DOUBT = 1.0
 """Number of directions' worth of the mean misfit that is believed of a place before any direction near it."""
 
