@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import real_sets, stages
+from kinran.base.apart import spread
 from kinran.base.files import InputError, write_json
 from kinran.compare import errors, fitted_lobes
-from kinran.compare.trial import Trial, read, spread
+from kinran.compare.trial import Trial, read
 from kinran.data import metrics
 from kinran.data.fabric import Fabric
 from kinran.fit import choice, texel_map
@@ -46,7 +47,7 @@ def main(args: argparse.Namespace) -> None:
     if args.results:
         whole = read(Fabric(args.results))
         for count in (len(whole.lights), *COUNTS):
-            few = spread(whole.samples.under.directions, count)
+            few = np.sort(spread(whole.samples.under.directions, count))
             found.append(_row(args.results.name, whole.under(few)))
         found.append({"name": args.results.name, "file": file_bytes(args.results)})
         print(f"bytes of the file, a texel: {found[-1]['file']}")

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kinran.base.apart import spread
 from kinran.base.exr import read_exr
 from kinran.base.files import InputError, write_json
 from kinran.compare import errors, fitted_lobes
-from kinran.compare.trial import Single, Trial, read, spread
+from kinran.compare.trial import Single, Trial, read
 from kinran.data.fabric import Fabric
 from kinran.data.labels import MIXED
 from kinran.data.texel_directions import Under
@@ -52,7 +53,7 @@ def main(args: argparse.Namespace) -> None:
         whole = coarse(read(fabric), factor, known["labels"], second)
         purity = average(share, factor).max(-1).reshape(-1)
         for count in (len(whole.lights), *COUNTS):
-            own, shared = measure(whole.under(spread(whole.samples.under.directions, count)), purity)
+            own, shared = measure(whole.under(np.sort(spread(whole.samples.under.directions, count))), purity)
             found.append({"factor": factor, "lights": count, "own": own, "shared": shared})
             said = ", ".join(f"{name} {value:.4f} -> {shared[name]:.4f}" for name, value in own.items())
             print(f"{factor} × {factor} texels, {count} lights: {said}", flush=True)

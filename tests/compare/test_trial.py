@@ -102,21 +102,6 @@ def test_errors_in_one_sentence(tmp_path: Path) -> None:
         trial.read(fabric_of(tmp_path / "b", (3,), labels=np.zeros((5, 10), np.intp)))
 
 
-def test_lights_that_lie_apart() -> None:
-    lights = shiny_trial().samples.under.directions
-    few, more = trial.spread(lights, 8), trial.spread(lights, 16)
-    assert set(few) <= set(more)
-    assert len(set(more)) == 16
-    s = lights[:, :2] / (1 + lights[:, 2:])
-
-    def nearest(use: np.ndarray) -> float:
-        distance = np.linalg.norm(s[use][:, None] - s[use], axis=-1) + 9 * np.eye(len(use))
-        return float(distance.min())
-
-    assert nearest(more) > nearest(np.arange(16))
-    assert len(trial.spread(lights, 1000)) == len(lights)
-
-
 def test_less_light_and_fewer_texels() -> None:
     tried = shiny_trial()
     few = tried.under(np.array([1, 5]))

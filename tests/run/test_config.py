@@ -126,7 +126,7 @@ def test_a_sheet_of_directions(project: Path) -> None:
     config = listed(project, *(f"{5 + k},{3 * k}" for k in range(70)))
     tiny = read_fabrics(config)["tiny"]
     assert (tiny.light_groups, tiny.all_groups, tiny.lights) == (("00", "01"), ("00", "01", "calibration"), 71)
-    assert directions_options(config["rig"]) == "--directions directions.csv"
+    assert directions_options(config["rig"], "tiny") == "--directions directions.csv"
     sheet(project, "recapture", RECAPTURE, "tiny\t5\t0\t1\tx", "tiny\t74\t207\t2\ty", "tiny\t0\t0\t1\tz")
     revisions = read(config)
     assert (
@@ -162,7 +162,7 @@ def test_motion_of_the_rig() -> None:
     config = copy.deepcopy(SHIPPED)
     read_fabrics(config)
     assert motion_options(config["rig"]) == ""
-    assert directions_options(config["rig"]).endswith("--phis 24 --meridians 4")
+    assert directions_options(config["rig"], "tiny").endswith("--phis 24 --meridians 4")
     rig = {**config["rig"], "backlash": 0.5, "speeds": [5, 15, 5, 15], "photodiode": False}
     assert motion_options(rig) == "--backlash 0.5 --speeds 5,15,5,15 --no-photodiode"
 

@@ -14,6 +14,7 @@ log = logging.getLogger("kinran")
 
 COMMANDS = {
     "demo": ("kinran.run.demo", "run the whole pipeline on the virtual rig"),
+    "adaptive": ("kinran.run.adaptive", "shoot and fit fabrics group by group, each where the fit is least sure"),
     "rti": ("kinran.run.rti", "run the pipeline on photographs with a .lp file"),
     "highlights": (
         "kinran.capture.highlights",
@@ -33,6 +34,7 @@ COMMANDS = {
 """Commands of users: the module of each, and what it does."""
 
 STAGES = {
+    "propose": ("kinran.run.propose", "propose the directions of a fabric's next group"),
     "plan": ("kinran.capture.plan", "plan the shots of a capture"),
     "capture": ("kinran.capture.capture", "shoot a group of the plan"),
     "ingest": ("kinran.capture.ingest", "take photographs as a capture: write its plan"),

@@ -1,6 +1,6 @@
 rule plan:
     input:
-        directions=[] if config["rig"]["plan"] == "grid" else config["rig"]["plan"],
+        directions=lambda wildcards: sheet_of(config["rig"], wildcards.fabric) or [],
     output:
         "captures/{fabric}/plan.json",
     log:
@@ -9,7 +9,7 @@ rule plan:
         fabric=any_of(rig_fabrics),
     localrule: True
     params:
-        directions=directions_options(config["rig"]),
+        directions=lambda wildcards: directions_options(config["rig"], wildcards.fabric),
         exposures=",".join(f"{1 / rate:.9g}" for rate in config["rig"]["exposures"]),
         lamp=config["rig"]["lamp_mm"],
         field=config["rig"]["field_mm"],

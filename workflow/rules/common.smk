@@ -9,6 +9,7 @@ from kinran.run.config import (
     motion_options,
     read_fabrics,
     read_revisions,
+    sheet_of,
 )
 from kinran.run import void
 from kinran.base.files import InputError

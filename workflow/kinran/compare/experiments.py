@@ -6,10 +6,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from kinran.base.apart import spread
 from kinran.compare import errors, meter
 from kinran.compare.method import NUMBER, Method, bytes_per_texel
 from kinran.compare.rows import Row
-from kinran.compare.trial import Single, Trial, spread
+from kinran.compare.trial import Single, Trial
 
 log = logging.getLogger(__name__)
 
@@ -86,7 +87,7 @@ def with_less(trial: Trial, fabric: str, method: Method) -> Iterator[Row]:
     for count in (n, *(c for c in DIRECTIONS if c < n)):
         if count >= method.least_lights:
             some = trial.thinned(max(SOME, SAMPLES // count))
-            less = some.under(spread(some.samples.under.directions, count))
+            less = some.under(np.sort(spread(some.samples.under.directions, count)))
             yield row("directions", str(count), less, errors.summary(_predict(method, less), some))
     some = trial.thinned(SOME)
     for kept in range(len(trial.clips), LEAST_EXPOSURES - 1, -1):

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kinran.base import encoding, frames
+from kinran.base import encoding
 from kinran.base.files import InputError
 from kinran.data.fabric import Fabric
 from kinran.data.held_out_photographs import HeldOut
@@ -149,17 +149,6 @@ def middle(stack: Stack) -> Box:
     height, width = min(stack.height, SIDE), min(stack.width, SIDE)
     y, x = (stack.height - height) // 2, (stack.width - width) // 2
     return y, y + height, x, x + width
-
-
-def spread(lights: Array, count: int) -> NDArray[np.intp]:
-    """Indices of `count` lights that lie apart: farthest points in the plane of half-vector slopes."""
-    s = frames.slopes(lights)
-    chosen = [int(np.linalg.norm(s, axis=1).argmin())]
-    distance = np.linalg.norm(s - s[chosen[0]], axis=1)
-    while len(chosen) < min(count, len(s)):
-        chosen.append(int(distance.argmax()))
-        distance = np.minimum(distance, np.linalg.norm(s - s[chosen[-1]], axis=1))
-    return np.sort(np.array(chosen, np.intp))
 
 
 def by_texel(images: Single) -> Single:

@@ -5,6 +5,10 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
 
 from kinran.base.frames import slopes
+from kinran.fit import slope
+from kinran.fit.region_priors import Prior
+from kinran.fit.samples import Samples
+from kinran.fit.slope_lobes import Lobes
 
 Array = NDArray[np.float64]
 
@@ -33,3 +37,14 @@ def surrounded(these: Array, others: Array) -> NDArray[np.bool_]:
         return np.asarray(Delaunay(others[:, :2]).find_simplex(these[:, :2]) >= 0)
     except (QhullError, ValueError):  # fewer than three lights, or all on a line
         return np.zeros(len(these), bool)
+
+
+def left_out(samples: Samples, lobes: Lobes, priors: list[Prior], fold: NDArray[np.intp], threads: int = 1) -> Array:
+    """Weighted squared errors (texel, light), summed over channels, under each light by a fit without its fold."""
+    error = np.zeros(samples.W.shape)
+    for k in range(fold.max() + 1):
+        fitted, test = slope.fit(samples.only(fold != k), lobes, priors, threads), fold == k
+        left = samples.only(test)
+        miss = fitted.predict(left.under) - np.nan_to_num(left.T)
+        error[:, test] = left.W * (miss.astype(float) ** 2).sum(1)
+    return error

@@ -16,7 +16,7 @@ from kinran.base.log import progress
 from kinran.data.fabric import Fabric
 from kinran.data.lights import half_steps
 from kinran.data.radiance_stack import Box
-from kinran.fit import bounded, lambert, robust_weights, samples, slope, takeda
+from kinran.fit import lambert, samples, slope, takeda, under_priors
 from kinran.fit.finished_tiles import Finished, content_key
 from kinran.fit.fitted_model import Channels, Mapped
 from kinran.fit.lobed_regions import chosen_lobes, kind, lobed_labels
@@ -134,12 +134,7 @@ class _Job:
 
     def slope(self, tile: Samples) -> slope.SlopeFit:
         """Fit lobes by least squares or with robust weights, then again with saturated samples as bounds."""
-        priors = self.priors.regions if self.priors else None
-        if self.priors and self.priors.outliers:
-            found, tile = robust_weights.robust(tile, self.lobes, priors, self.threads)
-        else:
-            found = slope.fit(tile, self.lobes, priors, self.threads)
-        return bounded.refit(found, tile, priors, self.threads)
+        return under_priors.fit(tile, self.lobes, self.priors, self.threads)
 
     def four_steps(self, tile: Samples) -> takeda.TakedaFit:
         """Fit Eq. 3 by the four steps of the paper (Takeda2008, §3.2)."""

@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from kinran.data.fabric import Fabric
-from kinran.fit import learned_priors, robust_weights, shrinkage, trust
+from kinran.fit import learned_priors, under_priors
 from kinran.fit.lobed_regions import chosen_lobes
-from kinran.fit.region_priors import Priors
 from kinran.fit.samples import read_some, spread_over_regions, training_lights
 
 log = logging.getLogger(__name__)
@@ -36,16 +35,12 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "priors (.json)"], options:
     fabric = Fabric(inputs.fabric)
     lobes = chosen_lobes(inputs.choice, options.tail, options.lobes)
     regions = len(fabric.regions)
-    samples = read_some(fabric, spread_over_regions(fabric.labels, regions, learned_priors.SAMPLE)).unshared()
+    samples = read_some(fabric, spread_over_regions(fabric.labels, regions, learned_priors.SAMPLE))
     lights = [fabric.stack.lights[i] for i in training_lights(fabric.stack)]
-    factors, outliers = trust.learn(samples, lobes, options.threads)
-    for light, factor in zip(lights, factors, strict=True):
+    priors = under_priors.learn(samples, regions, lobes, options.threads)
+    for light, factor in zip(lights, priors.lights, strict=True):
         if factor < 1:
             log.info("light %s: does not fit in with its neighbours; weight %.2g", light.name, factor)
-    samples = samples.weighed(factors)
-    if outliers:
+    if priors.outliers:
         log.info("some samples are outliers: the fit takes Huber's loss")
-        _, samples = robust_weights.robust(samples, lobes, threads=options.threads)
-    priors = learned_priors.learn_priors(samples, regions, lobes, options.threads)
-    priors = shrinkage.weigh(priors, samples, lobes, options.threads)
-    Priors(priors, factors, outliers).write(out, lights)
+    priors.write(out, lights)

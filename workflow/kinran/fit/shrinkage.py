@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran.fit import slope
-from kinran.fit.cross_validation import deal, surrounded
+from kinran.fit.cross_validation import deal, left_out, surrounded
 from kinran.fit.region_priors import Prior
 from kinran.fit.samples import Samples
 from kinran.fit.slope_lobes import Lobes
@@ -45,14 +45,9 @@ def _errors(priors: list[Prior], samples: Samples, lobes: Lobes, threads: int) -
     """Weighted squared errors (texel, light) under lights left out, of those that the others surround."""
     lights = samples.under.directions
     fold = deal(lights, FOLDS)
-    error, counted = np.zeros(samples.W.shape), np.zeros(len(lights), bool)
+    error, counted = left_out(samples, lobes, priors, fold, threads), np.zeros(len(lights), bool)
     for k in range(fold.max() + 1):
-        train, test = fold != k, fold == k
-        fitted = slope.fit(samples.only(train), lobes, priors, threads)
-        left = samples.only(test)
-        miss = fitted.predict(left.under) - np.nan_to_num(left.T)
-        error[:, test] = left.W * (miss.astype(float) ** 2).sum(1)
-        counted[test] = surrounded(lights[test], lights[train])
+        counted[fold == k] = surrounded(lights[fold == k], lights[fold != k])
     return error[:, counted] if counted.sum() > len(lights) / 4 else error
 
 

@@ -8,7 +8,9 @@ from types import ModuleType
 from kinran.base.files import InputError
 from kinran.base.project import ROOT
 
-NAMES = ("camera", "chart", "choice", "fit", "flips", "merge", "mixed", "plan", "real", "rig-kills", "stability")
+NAMES = (
+    "adaptive", "camera", "chart", "choice", "fit", "flips", "merge", "mixed", "plan", "real", "rig-kills", "stability",
+)  # fmt: skip
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -24,6 +24,8 @@ from kinran.fit.few_lights import FEW_LIGHTS
 
 OF_PHOTOGRAPHS = ("lamp_mm", "field_mm", "camera_mm", "chart", "chart_corners", "lamp")
 """Columns of the sheet of fabrics that it need not have."""
+ADAPTIVE = "adaptive"
+"""The plan of a rig whose fabrics have a sheet of directions each, which `kinran propose` appends to."""
 SCHEMAS = ROOT / "workflow" / "schemas"
 
 
@@ -174,7 +176,7 @@ def _fabric(row: dict[str, str], rig: dict[str, Any], sheet: str) -> FabricRow:
                 f" config.yaml; leave {given[0]} empty in its row"
             )
         chart = ChartShot(None, rig["chart_corners"], rig["lamp"])
-        if listed := rig_directions(rig):
+        if listed := rig_directions(rig, row["fabric"]):
             names, count = listed.group_names, listed.count
         else:
             names = grid.group_names(rig["thetas"], rig["phis"], rig["meridians"])
@@ -203,21 +205,31 @@ def _fabric(row: dict[str, str], rig: dict[str, Any], sheet: str) -> FabricRow:
     )
 
 
-def rig_directions(rig: dict[str, Any]) -> Directions | None:
-    """Return the directions of the sheet that the section `rig` of the config names; None for a grid.
+def sheet_of(rig: dict[str, Any], fabric: str) -> Path | None:
+    """Return the sheet of a fabric's directions by the section `rig` of the config; None for a grid."""
+    if rig["plan"] == "grid":
+        return None
+    return Path(f"captures/{fabric}/directions.tsv" if rig["plan"] == ADAPTIVE else rig["plan"])
+
+
+def rig_directions(rig: dict[str, Any], fabric: str) -> Directions | None:
+    """Return the directions of a fabric's sheet; None for a grid.
 
     Raises
     ------
     InputError
-        The sheet is wrong.
+        The sheet is wrong, or not yet there.
     """
-    return None if rig["plan"] == "grid" else read_directions(Path(rig["plan"]))
+    sheet = sheet_of(rig, fabric)
+    if rig["plan"] == ADAPTIVE and sheet and not sheet.exists():
+        raise InputError(f"{sheet}: is not there yet; kinran adaptive begins it, and adds to it")
+    return None if sheet is None else read_directions(sheet)
 
 
-def directions_options(rig: dict[str, Any]) -> str:
+def directions_options(rig: dict[str, Any], fabric: str) -> str:
     """Return the options of `kinran plan` for the directions of the light."""
-    if rig["plan"] != "grid":
-        return f"--directions {shlex.quote(rig['plan'])}"
+    if sheet := sheet_of(rig, fabric):
+        return f"--directions {shlex.quote(str(sheet))}"
     thetas = ",".join(f"{theta:g}" for theta in rig["thetas"])
     return f"--thetas {thetas} --phis {rig['phis']} --meridians {rig['meridians']}"
 
@@ -249,7 +261,6 @@ def read_revisions(config: dict[str, Any], fabrics: dict[str, FabricRow]) -> Cal
     sheet, rig = config["recapture"], config["rig"]
     wanted: dict[tuple[str, str], dict[str, int]] = {}
     rows = read_sheet(sheet)
-    listed = rig_directions(rig) if rows else None
     for row in rows:
         check(
             dict(row),
@@ -259,12 +270,13 @@ def read_revisions(config: dict[str, Any], fabrics: dict[str, FabricRow]) -> Cal
         theta, phi = float(row["theta"]), float(row["phi"])
         if row["fabric"] not in fabrics or fabrics[row["fabric"]].folder is not None:
             raise InputError(f"{sheet}: '{row['fabric']}' is no fabric on the rig; correct the row")
+        listed = rig_directions(rig, row["fabric"])
         if listed:
             found = listed.find_shots(theta, phi)
         else:
             found = grid.find_shots(rig["thetas"], rig["phis"], rig["meridians"], theta, phi)
         if not found:
-            where = rig["plan"] if listed else "the grid"
+            where = sheet_of(rig, row["fabric"]) or "the grid"
             raise InputError(f"{sheet}: θ = {theta:g}, φ = {phi:g} is no direction of {where}; correct the row")
         for group, name in found:
             shots = wanted.setdefault((row["fabric"], group), {})
