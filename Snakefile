@@ -6,6 +6,10 @@ min_version("9.14")
 configfile: "config.yaml"
 
 
+# used with `--sdm apptainer` alone, after container/kinran.def was built (docs/cluster.md)
+container: f"{workflow.basedir}/container/kinran.sif"
+
+
 include: "workflow/rules/common.smk"
 include: "workflow/rules/ingest.smk"
 include: "workflow/rules/radiance.smk"

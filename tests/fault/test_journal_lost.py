@@ -2,6 +2,7 @@
 
 import errno
 import hashlib
+import json
 import os
 import shutil
 from collections.abc import Callable
@@ -321,7 +322,7 @@ def test_what_verify_finds(taken: dict[str, Path], tmp_path: Path, journal: bool
         (bench.root / JOURNAL).unlink()
         (bench.root / "frames").rename(bench.root / "photographs")
         text = (bench.root / "groups" / "00.json").read_text().replace('"frames/', '"photographs/')
-        (bench.root / "groups" / "00.json").write_text(text)
+        write_json(bench.root / "groups" / "00.json", json.loads(text))
         frames = [bench.root / "photographs" / frame.relative_to(bench.root / "frames") for frame in frames]
         assert verify(bench.root) == (FRAMES, [])
     frames[1].unlink()

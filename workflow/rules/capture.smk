@@ -38,7 +38,8 @@ rule capture:
     wildcard_constraints:
         fabric=any_of(rig_fabrics),
     localrule: True
-    threads: workflow.cores
+    # frames are taken one after the other, with all cores where they are simulated
+    threads: resources.WHOLE_MACHINE
     resources:
         rig=1,
     params:

@@ -22,9 +22,10 @@ rule chart_kind:
     benchmark:
         "results/{fabric}/benchmarks/chart.{kind}.tsv"
     # one at a time, so that no other job disturbs the timings
-    threads: workflow.cores
+    threads: resources.WHOLE_MACHINE
     resources:
-        mem_mb=3000,
+        mem_mb=memory_of("chart_kind"),
+        runtime=runtime_of("chart_kind"),
     params:
         fabric=fitted_fabric,
         code=lambda wildcards: [
@@ -50,9 +51,10 @@ rule chart_default:
         "logs/{fabric}/chart/default.log",
     benchmark:
         "results/{fabric}/benchmarks/chart.default.tsv"
-    threads: workflow.cores
+    threads: resources.WHOLE_MACHINE
     resources:
-        mem_mb=3000,
+        mem_mb=memory_of("chart_default"),
+        runtime=runtime_of("chart_default"),
     params:
         fabric=fitted_fabric,
         code=digest("kinran.compare.default"),
@@ -70,6 +72,9 @@ rule chart_regions:
         "results/{fabric}/chart/regions.csv",
     log:
         "logs/{fabric}/chart/regions.log",
+    resources:
+        mem_mb=memory_of("chart_regions"),
+        runtime=runtime_of("chart_regions"),
     params:
         fabric=lambda wildcards: f"results/{wildcards.fabric}",
         scene=virtual_rig,

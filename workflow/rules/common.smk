@@ -1,5 +1,6 @@
 import json
 import sys
+from functools import cache
 from pathlib import Path
 
 from kinran.base.digest import PACKAGES, digest
@@ -11,13 +12,17 @@ from kinran.run.config import (
     read_revisions,
     sheet_of,
 )
-from kinran.run import void
+from kinran.run import resources, void
 from kinran.base.files import InputError
 from snakemake.exceptions import WorkflowError
 
-# jobs use the interpreter that runs Snakemake, with or without an activated environment
-# (a prefix of one's own replaces Snakemake's, so the strict mode is part of it)
-shell.prefix(f"set -euo pipefail; export PATH={Path(sys.executable).parent}:$PATH; ")
+# jobs use the interpreter that runs Snakemake, with or without an activated environment; in a container they use its
+# own, with the code of this project (a prefix of one's own replaces Snakemake's, so the strict mode is part of it)
+code = ":".join(str(path.parent) for path in PACKAGES.values())
+shell.prefix(
+    f'if [ -n "$APPTAINER_CONTAINER" ]; then export PYTHONPATH={code};'
+    f" else export PATH={Path(sys.executable).parent}:$PATH; fi; set -euo pipefail; "
+)
 
 try:
     fabrics = read_fabrics(config)
@@ -53,6 +58,31 @@ wildcard_constraints:
 def any_of(names):
     """Return a pattern of these names; one that matches nothing where there are none."""
     return "|".join(names) or "(?!)"
+
+
+@cache
+def size_of(fabric):
+    """Return the size of a fabric, on which depends what its jobs ask for."""
+    return resources.size_of(fabrics[fabric], config)
+
+
+def threads_of(stage):
+    """Return the threads of a stage's jobs, as a function of their wildcards."""
+    return lambda wildcards: resources.threads(stage, size_of(wildcards.fabric))
+
+
+def memory_of(stage):
+    """Return the megabytes of a stage's jobs, as a function of their wildcards and the attempt."""
+    return lambda wildcards, attempt: resources.memory_mb(
+        stage, size_of(wildcards.fabric), attempt
+    )
+
+
+def runtime_of(stage, jobs=1):
+    """Return the minutes of a stage's jobs, of which so many share its work, in the same way."""
+    return lambda wildcards, attempt, threads: resources.minutes(
+        stage, size_of(wildcards.fabric), attempt, threads * jobs
+    )
 
 
 def manifests(wildcards):

@@ -9,6 +9,9 @@ rule segment:
         "logs/{fabric}/segment.log",
     benchmark:
         "results/{fabric}/benchmarks/segment.tsv"
+    resources:
+        mem_mb=memory_of("segment"),
+        runtime=runtime_of("segment"),
     params:
         folder=subpath(output.labels, parent=True),
         regions=lambda wildcards: fabrics[wildcards.fabric].region_option,
@@ -33,6 +36,9 @@ rule coarsen:
         "logs/{fabric}/coarsen.log",
     benchmark:
         "results/{fabric}/benchmarks/coarsen.tsv"
+    resources:
+        mem_mb=memory_of("coarsen"),
+        runtime=runtime_of("coarsen"),
     params:
         folder=subpath(input.labels, parent=True),
         coarse=subpath(output.labels, parent=True),
@@ -53,7 +59,10 @@ rule choice:
         "logs/{fabric}/choice.log",
     benchmark:
         "results/{fabric}/benchmarks/choice.tsv"
-    threads: workflow.cores
+    threads: threads_of("choice")
+    resources:
+        mem_mb=memory_of("choice"),
+        runtime=runtime_of("choice"),
     params:
         fabric=fitted_fabric,
         code=digest("kinran.fit.choice"),
@@ -74,7 +83,10 @@ rule prior:
         "logs/{fabric}/prior.log",
     benchmark:
         "results/{fabric}/benchmarks/prior.tsv"
-    threads: workflow.cores
+    threads: threads_of("prior")
+    resources:
+        mem_mb=memory_of("prior"),
+        runtime=runtime_of("prior"),
     params:
         fabric=fitted_fabric,
         lobes=lobes_option,
@@ -102,8 +114,8 @@ rule fit:
     benchmark:
         "results/{fabric}/benchmarks/fit.{model}.{job}.tsv"
     resources:
-        mem_mb=1500,
-        runtime=60,
+        mem_mb=memory_of("fit"),
+        runtime=runtime_of("fit", jobs=config["fit"]["jobs"]),
     params:
         fabric=fitted_fabric,
         prior=lambda wildcards, input: (
@@ -132,6 +144,9 @@ rule material:
         summary="results/{fabric}/fit/{model}.json",
     log:
         "logs/{fabric}/material/{model}.log",
+    resources:
+        mem_mb=memory_of("material"),
+        runtime=runtime_of("material"),
     params:
         fabric=fitted_fabric,
         fitted=fitted_option,
@@ -157,10 +172,10 @@ rule residual:
         "logs/{fabric}/residual.log",
     benchmark:
         "results/{fabric}/benchmarks/residual.tsv"
-    threads: workflow.cores
+    threads: threads_of("residual")
     resources:
-        mem_mb=2000,
-        runtime=60,
+        mem_mb=memory_of("residual"),
+        runtime=runtime_of("residual"),
     params:
         fabric=fitted_fabric,
         code=digest("kinran.fit.residual"),
@@ -185,10 +200,10 @@ rule sigma:
         "logs/{fabric}/sigma.log",
     benchmark:
         "results/{fabric}/benchmarks/sigma.tsv"
-    threads: workflow.cores
+    threads: threads_of("sigma")
     resources:
-        mem_mb=1500,
-        runtime=60,
+        mem_mb=memory_of("sigma"),
+        runtime=runtime_of("sigma"),
     params:
         fabric=fitted_fabric,
         code=digest("kinran.fit.sigma"),
@@ -205,7 +220,9 @@ rule choose:
         "results/{fabric}/material.exr",
     log:
         "logs/{fabric}/choose.log",
-    localrule: True
+    resources:
+        mem_mb=memory_of("choose"),
+        runtime=runtime_of("choose"),
     shell:
         "cp {input:q} {output:q} 2>{log}"
 
@@ -232,6 +249,9 @@ rule evaluate:
         "logs/{fabric}/evaluate.log",
     benchmark:
         "results/{fabric}/benchmarks/evaluate.tsv"
+    resources:
+        mem_mb=memory_of("evaluate"),
+        runtime=runtime_of("evaluate"),
     params:
         fabric=fitted_fabric,
         code=digest("kinran.judge.evaluate"),

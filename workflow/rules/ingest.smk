@@ -5,6 +5,9 @@ rule ingest:
         "logs/{fabric}/ingest.log",
     wildcard_constraints:
         fabric=any_of(set_fabrics),
+    resources:
+        mem_mb=memory_of("ingest"),
+        runtime=runtime_of("ingest"),
     params:
         folder=lambda wildcards: fabrics[wildcards.fabric].folder,
         encoding=lambda wildcards: fabrics[wildcards.fabric].encoding,
@@ -27,6 +30,9 @@ rule ingest_group:
         "logs/{fabric}/ingest/{group}.log",
     wildcard_constraints:
         fabric=any_of(set_fabrics),
+    resources:
+        mem_mb=memory_of("ingest_group"),
+        runtime=runtime_of("ingest_group"),
     params:
         folder=lambda wildcards: fabrics[wildcards.fabric].folder,
         code=digest("kinran.capture.ingest_group"),

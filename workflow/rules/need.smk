@@ -11,6 +11,9 @@ rule need:
         "logs/{fabric}/need.log",
     benchmark:
         "results/{fabric}/benchmarks/need.tsv"
+    resources:
+        mem_mb=memory_of("need"),
+        runtime=runtime_of("need"),
     params:
         folder=subpath(input.labels, parent=True),
         code=digest("kinran.scene.need"),

@@ -10,6 +10,9 @@ rule calibrate:
         "logs/{fabric}/calibrate.log",
     benchmark:
         "results/{fabric}/benchmarks/calibrate.tsv"
+    resources:
+        mem_mb=memory_of("calibrate"),
+        runtime=runtime_of("calibrate"),
     params:
         chart=lambda wildcards: fabrics[wildcards.fabric].chart.options,
         code=digest("kinran.calibrate.calibrate"),
@@ -30,8 +33,8 @@ rule merge:
     benchmark:
         "results/{fabric}/benchmarks/merge.{group}.tsv"
     resources:
-        mem_mb=1000,
-        runtime=20,
+        mem_mb=memory_of("merge"),
+        runtime=runtime_of("merge"),
     params:
         stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
         code=digest("kinran.radiance.merge_group"),
@@ -54,6 +57,9 @@ rule stack:
         "logs/{fabric}/stack.log",
     benchmark:
         "results/{fabric}/benchmarks/stack.tsv"
+    resources:
+        mem_mb=memory_of("stack"),
+        runtime=runtime_of("stack"),
     params:
         holdout=config["holdout"],
         stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",

@@ -24,6 +24,9 @@ rule report:
         "results/{fabric}/report.html",
     log:
         "logs/{fabric}/report.log",
+    resources:
+        mem_mb=memory_of("report"),
+        runtime=runtime_of("report"),
     params:
         results=subpath(output[0], parent=True),
         captures=subpath(input.plan, parent=True),
@@ -44,6 +47,7 @@ rule overview:
         report("results/report.html", category="Overview"),
     log:
         "logs/overview.log",
+    localrule: True
     params:
         code=digest("kinran.report.overview"),
     shell:

@@ -3,6 +3,9 @@ rule scan:
         "results/{fabric}/scan.ply",
     log:
         "logs/{fabric}/scan.log",
+    resources:
+        mem_mb=memory_of("scan"),
+        runtime=runtime_of("scan"),
     params:
         source=config["scene"]["scan"],
         code=digest("kinran.virtual.scan"),
@@ -21,6 +24,9 @@ rule mesh:
         "logs/{fabric}/mesh.log",
     benchmark:
         "results/{fabric}/benchmarks/mesh.tsv"
+    resources:
+        mem_mb=memory_of("mesh"),
+        runtime=runtime_of("mesh"),
     params:
         code=digest("kinran.scene.mesh"),
     shell:
@@ -36,6 +42,9 @@ rule scene:
         "results/{fabric}/scene/scene.xml",
     log:
         "logs/{fabric}/scene.log",
+    resources:
+        mem_mb=memory_of("scene"),
+        runtime=runtime_of("scene"),
     params:
         folder=subpath(output[0], parent=True),
         code=digest("kinran.scene.scene"),
@@ -56,9 +65,10 @@ rule render:
         "logs/{fabric}/render.log",
     benchmark:
         "results/{fabric}/benchmarks/render.tsv"
-    threads: workflow.cores
+    threads: threads_of("render")
     resources:
-        mem_mb=2000,
+        mem_mb=memory_of("render"),
+        runtime=runtime_of("render"),
     params:
         code=digest("kinran.scene.render"),
         plugin=digest("kinran_bsdf"),

@@ -8,7 +8,10 @@ from collections.abc import Sequence
 
 from kinran.base.project import ROOT
 
-SUITES = {"rig-vm": ("tests/vm/rig_vm.py", "the rig's driver and commands on a Linux kernel in a virtual machine")}
+SUITES = {
+    "rig-vm": ("tests/vm/rig_vm.py", "the rig's driver and commands on a Linux kernel in a virtual machine"),
+    "slurm": ("tests/slurm/on_slurm.py", "the workflow on a SLURM cluster of virtual nodes on this machine"),
+}
 """Suites of their own, which need more than Python: the program of each, and what it tests."""
 
 

@@ -1,0 +1,165 @@
+"""What the jobs of a fabric ask of a machine: threads, memory and time, from its texels and its lights.
+
+A scheduler kills what takes more than it asked for, and leaves waiting what asks for too much. So the costs of a stage
+are those that were measured, with a margin, and a job that failed asks for more at its next attempt.
+"""
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from kinran.base.files import InputError
+from kinran.run.config import FabricRow
+
+CAMERA_TEXELS = 2_500_000
+"""Texels of a fabric on a real rig before its first frame: superpixels of 10.1 megapixels, as in Takeda2008, §4."""
+MARGIN = 1.5
+"""Memory and time that are asked for, over those measured. A choice: the costs were fitted to within a third."""
+SHELL_MB = 350
+"""Memory of what runs a stage on a node, a shell and two Snakemakes, in megabytes: measured as 2 × 165."""
+SLOWER = 4
+"""Time that is asked for, over that of an idle core, for cores that are slower or shared, and slow disks. A choice."""
+LEAST_MINUTES = 10
+"""Shortest time that a job asks for: the start of Snakemake and of a stage on a cold file system. A choice."""
+MOST_THREADS = 8
+"""Most threads of a stage: more hardly speed up stages of a minute, and wait longer for a free node. A choice."""
+WHOLE_MACHINE = 1024
+"""Threads of a job that wants the machine for itself: Snakemake cuts them to the cores that it was given."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """What the cost of a fabric depends on.
+
+    Attributes
+    ----------
+    texels
+        Texels of its maps.
+    lights
+        Different light directions.
+    """
+
+    texels: int
+    lights: int
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Cost of a job of a stage, on one core.
+
+    Attributes
+    ----------
+    mb, mb_texels, mb_lights
+        Megabytes at the peak: a constant, a part for each million texels, and one for each light.
+    seconds, s_texels, s_samples
+        CPU seconds: a constant, a part for each million texels, and one for each million samples (texels × lights).
+    threaded
+        Whether the stage shares its work among threads.
+    """
+
+    mb: float
+    mb_texels: float = 0
+    mb_lights: float = 0
+    seconds: float = 5
+    s_texels: float = 0
+    s_samples: float = 0
+    threaded: bool = False
+
+    def memory(self, size: Size) -> float:
+        """Megabytes at the peak."""
+        return self.mb + self.mb_texels * size.texels * 1e-6 + self.mb_lights * size.lights
+
+    def time(self, size: Size) -> float:
+        """CPU seconds."""
+        return self.seconds + (self.s_texels + self.s_samples * size.lights) * size.texels * 1e-6
+
+
+COSTS = {
+    "ingest": Cost(80, 36),
+    "ingest_group": Cost(80),
+    "calibrate": Cost(240, 54),
+    "merge": Cost(260, 140, 0, 5, 35),
+    "stack": Cost(250),
+    "segment": Cost(180, 160, 0.3, 5, 0, 0.3),
+    "coarsen": Cost(260, 160, 0.2, 5, 0, 0.3),
+    "choice": Cost(300, 0, 0.5, 120, threaded=True),
+    "prior": Cost(230, 40, 0.25, 10, threaded=True),
+    "fit": Cost(180, 90, 0.35, 5, 35, 0.25),
+    "material": Cost(180, 420, 0, 5, 10),
+    "residual": Cost(300, 400, 0.4, 30, 20, 0.3, threaded=True),
+    "sigma": Cost(250, 300, 0.4, 5, 10, 0.3, threaded=True),
+    "choose": Cost(10),
+    "evaluate": Cost(200, 180, 0.1, 5, 5, 0.1),
+    "scan": Cost(100),
+    "mesh": Cost(260),
+    "need": Cost(180),
+    "scene": Cost(150, 80),
+    "render": Cost(250, 200, 0, 80, threaded=True),
+    "report": Cost(400, 300, 0, 10, 5),
+    "chart_kind": Cost(1500, 0, 1, 200),
+    "chart_default": Cost(1500, 0, 1, 200),
+    "chart_regions": Cost(600, 200, 0, 60),
+}
+"""Costs of the jobs of each stage, from the peak of resident memory and the CPU time of its process (getrusage), for
+photographs of 65,536 texels × 48 lights, 1,048,576 × 12 and 16,384 × 192, and for the demo. Those of `merge` hold for
+64 lights of five RAW frames each (`kinran bench merge`), those of `fit` for all jobs of the slope model with two lobes.
+`coarsen`, `choice`, `render`, `report` and the chart were not measured on large fabrics: theirs are guesses on the safe
+side."""
+
+
+def size_of(fabric: FabricRow, config: dict[str, Any], captures: Path = Path("captures")) -> Size:
+    """Size of a fabric: from the virtual fabric, its crop, or the header of one frame."""
+    return Size(_texels(fabric, config, captures), fabric.lights)
+
+
+def _texels(fabric: FabricRow, config: dict[str, Any], captures: Path) -> int:
+    if fabric.folder is None and config["rig"]["device"] == "virtual":
+        return int(config["virtual"]["texels"]) ** 2
+    if fabric.crop:
+        return math.prod(int(part) for part in fabric.crop.split(",")[2:])
+    frame = _frame(fabric, captures)
+    if frame is None:
+        return CAMERA_TEXELS
+    from kinran.data import photographs  # it imports what reads images, which no other row needs
+
+    try:
+        return math.prod(photographs.size(frame))
+    except InputError:
+        return CAMERA_TEXELS  # the job that reads it will say what is wrong with it
+
+
+def _frame(fabric: FabricRow, captures: Path) -> Path | None:
+    """Return a frame of a fabric: of its photographs, or of what was captured."""
+    if fabric.folder is not None:
+        from kinran.data import lights, photographs
+
+        try:
+            frames = photographs.find_frames(fabric.folder, lights.read_lp(lights.lp_file(fabric.folder)))
+        except InputError:
+            return None
+        return next(iter(frames.values()))[0]
+    for manifest in sorted((captures / fabric.name / "groups").glob("[0-9]*.json")):
+        try:
+            return captures / fabric.name / str(json.loads(manifest.read_bytes())["shots"][0]["frames"][0]["file"])
+        except (OSError, ValueError, LookupError):
+            continue
+    return None
+
+
+def threads(stage: str, size: Size) -> int:
+    """Threads of a job: 2 where its stage uses them, and one more for each minute of work."""
+    cost = COSTS[stage]
+    return min(MOST_THREADS, 2 + int(cost.time(size) / 60)) if cost.threaded else 1
+
+
+def memory_mb(stage: str, size: Size, attempt: int = 1) -> int:
+    """Megabytes that a job asks for: half as much again at each new attempt."""
+    asked = (COSTS[stage].memory(size) * MARGIN + SHELL_MB) * (1 + 0.5 * (attempt - 1))
+    return 100 * math.ceil(asked / 100)
+
+
+def minutes(stage: str, size: Size, attempt: int = 1, threads: int = 1) -> int:
+    """Minutes that a job asks for: as many again at each new attempt."""
+    return attempt * math.ceil(LEAST_MINUTES + COSTS[stage].time(size) * MARGIN * SLOWER / threads / 60)
