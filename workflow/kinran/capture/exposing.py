@@ -6,7 +6,7 @@ from kinran.rig.camera import Camera, CameraError, CardFile
 from kinran.rig.goniometer import Goniometer, confirm_shutter
 
 TRIES = 2
-"""Times that a bracket, or a missed exposure, is taken before the session stops (docs/rig.md, Resume)."""
+"""Times that a bracket, or a missed exposure, is taken before the session stops (docs/capture.md, Resume)."""
 FRAME_LIMIT_S = 60.0
 """Seconds of open shutter for a frame besides its exposure, after which the rig closes the shutter by itself."""
 OWED_S = 10.0

@@ -1,7 +1,7 @@
 """A session of shooting, which can be killed at any moment without losing or repeating a bracket.
 
 For each bracket: intent, sync; exposures; copies, sync; checks; rename, sync the folder; frame records, sync; only
-then are the files deleted on the card. The journal alone says what is done (docs/rig.md has the resume rule), and a
+then are the files deleted on the card. The journal alone says what is done (docs/capture.md has the resume rule), and a
 frame's own EXIF says to which exposure it belongs.
 """
 
