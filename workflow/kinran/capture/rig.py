@@ -8,10 +8,14 @@ frames of captures.
 import argparse
 import logging
 import sys
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 from kinran.base.files import InputError, check_name
 from kinran.capture import bit_rot, repair
+from kinran.capture.rig_devices import RigConfig, rig_devices
+from kinran.capture.trial_shot import trial_shot
+from kinran.rig.camera import Camera, CameraError
 from kinran.rig.errors import RigError
 from kinran.rig.goniometer import ALL_AXES, Goniometer
 from kinran.rig.hid_goniometer import HidGoniometer
@@ -47,6 +51,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     jog.add_argument("degrees", type=float, help="degrees to move it by, such as -2.5")
     actions.add_parser("park", help="move the arms to θ = 0, φ = 0 and put out the lamp")
     actions.add_parser("estop", help="stop everything at once, even if another program drives the rig")
+    trial = actions.add_parser("test-shot", help="take one frame under the open shutter, and say how it is exposed")
+    trial.add_argument("--exposure", type=float, default=0.01, metavar="SECONDS", help="exposure time (0.01)")
+    trial.add_argument("--camera", default=RigConfig.camera, help="port of the camera: usb, or ptpip:HOST:PORT")
+    trial.add_argument("--to", type=Path, default=Path(), metavar="DIR", help="folder of the frame (this one)")
     watching = actions.add_parser("watch", help="show a running capture: progress, lamp, last frame, questions")
     watching.add_argument("fabric", help="name of the fabric")
     watching.add_argument("--captures", type=Path, default=CAPTURES, metavar="DIR", help="folder of the captures")
@@ -78,10 +86,23 @@ def main(args: argparse.Namespace) -> None:
         bit_rot.verify_all([CAPTURES / check_name(name, "fabric") for name in names])
         return
     try:
+        if args.action == "test-shot":
+            with interruptible():
+                print(trial_shot(devices(args), args.exposure, args.to))
+            return
         with interruptible(), open_goniometer(args.device, settings, alone=args.action != "estop") as rig:
             act(rig, args)
-    except (RigError, TransportError) as error:
+    except (RigError, CameraError, TransportError) as error:
         raise InputError(str(error)) from None
+
+
+def devices(args: argparse.Namespace) -> AbstractContextManager[tuple[Goniometer, Camera]]:
+    """Return the rig and the camera of a command, to be opened."""
+    if args.device == "virtual":
+        from kinran.virtual.devices import virtual_devices  # it imports the path tracer
+
+        return virtual_devices(args.to, {}, "test-shot")
+    return rig_devices(RigConfig(args.camera, usb=args.usb, serial=args.serial), args.to, print)
 
 
 def act(rig: HidGoniometer, args: argparse.Namespace) -> None:
