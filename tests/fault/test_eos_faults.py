@@ -20,6 +20,7 @@ from kinran.rig import gphoto_camera
 from kinran.rig.camera import CameraError
 
 pytestmark = pytest.mark.slow
+CAMPAIGN = pytest.mark.campaign  # each waits for seconds for a camera that does not answer: `kinran test camera`
 pytest.importorskip("gphoto2", reason="the camera's package has no wheel here")
 
 PLAN = short_plan()
@@ -41,14 +42,14 @@ def records(bench: EosBench, kind: str) -> list[dict[str, Any]]:
     ("fault", "surplus"),
     [
         ({}, 0),
-        ({"busy": 3, "hang": 0x9128}, 0),
-        ({"hang": 0x101B}, 0),
+        pytest.param({"busy": 3, "hang": 0x9128}, 0, marks=CAMPAIGN),
+        pytest.param({"hang": 0x101B}, 0, marks=CAMPAIGN),
         ({"readings": ["", "", "cut", "", "flip", "", "drop"]}, 0),
-        ({"partial": False, "readings": ["", "cut"]}, 0),
-        ({"exposures": ["twice", "wrong", "", "miss"], "battery": 0}, 1),
-        ({"exposures": ["", "foreign"]}, 2),
+        pytest.param({"partial": False, "readings": ["", "cut"]}, 0, marks=CAMPAIGN),
+        pytest.param({"exposures": ["twice", "wrong", "", "miss"], "battery": 0}, 1, marks=CAMPAIGN),
+        pytest.param({"exposures": ["", "foreign"]}, 2, marks=CAMPAIGN),
         ({"exposures": ["", "late 1"]}, 2),
-        ({"exposures": ["late 3"]}, 1),
+        pytest.param({"exposures": ["late 3"]}, 1, marks=CAMPAIGN),
         ({"number": 9997, "quality": "raw+jpeg"}, 0),
     ],
     ids=str,
@@ -70,11 +71,18 @@ def test_every_frame_is_right(
 @pytest.mark.parametrize(
     ("fault", "mended", "sentence"),
     [
-        ({"busy": -1}, {"busy": 0}, "stays busy; switch it off"),
-        ({"quality": "jpeg"}, {"quality": "raw"}, "set its image quality to RAW"),
-        ({"exposures": ["", "", "miss", "miss"]}, {}, "missed an exposure of 0.04 s twice"),
-        ({"exposures": ["", "wrong", "wrong"]}, {}, r"its exposure is 1/250 s|check its settings"),
-        ({"readings": ["cut"] * 3}, {}, r"2\d\d\d of .* bytes came|bytes came; it is still on the card"),
+        pytest.param({"busy": -1}, {"busy": 0}, "stays busy; switch it off", marks=CAMPAIGN),
+        pytest.param({"quality": "jpeg"}, {"quality": "raw"}, "set its image quality to RAW", marks=CAMPAIGN),
+        pytest.param({"exposures": ["", "", "miss", "miss"]}, {}, "missed an exposure of 0.04 s twice", marks=CAMPAIGN),
+        pytest.param(
+            {"exposures": ["", "wrong", "wrong"]}, {}, r"its exposure is 1/250 s|check its settings", marks=CAMPAIGN
+        ),
+        pytest.param(
+            {"readings": ["cut"] * 3},
+            {},
+            r"2\d\d\d of .* bytes came|bytes came; it is still on the card",
+            marks=CAMPAIGN,
+        ),
         ({"readings": ["flip"] + ["", "flip"] * 3}, {}, "two readings of it differ"),
     ],
     ids=str,
@@ -95,7 +103,7 @@ def test_what_does_not_mend_itself_is_a_sentence(
     assert bench.eos.tell()["card"] == []
 
 
-@pytest.mark.parametrize("number", [0, 9998])
+@pytest.mark.parametrize("number", [pytest.param(0, marks=CAMPAIGN), 9998])
 def test_a_bracket_of_a_dead_host_is_adopted_by_its_exif(bench: EosBench, number: int) -> None:
     """Names wrap from IMG_9999 to IMG_0001 in the bracket that was under way."""
     bench.eos.tell(number=number)

@@ -47,4 +47,4 @@ def test_the_help_lists_the_suites(capsys: pytest.CaptureFixture[str]) -> None:
     shown = capsys.readouterr().out
     for name, (program, summary) in SUITES.items():
         assert f"{name:15}{summary}" in shown
-        assert (ROOT / program).is_file()
+        assert (ROOT / program.split()[-1]).is_file()

@@ -9,10 +9,11 @@ from collections.abc import Sequence
 from kinran.base.project import ROOT
 
 SUITES = {
+    "camera": ("-m pytest -m slow tests/fault/test_eos_faults.py", "captures with an emulated camera that misbehaves"),
     "rig-vm": ("tests/vm/rig_vm.py", "the rig's driver and commands on a Linux kernel in a virtual machine"),
     "slurm": ("tests/slurm/on_slurm.py", "the workflow on a SLURM cluster of virtual nodes on this machine"),
 }
-"""Suites of their own, which need more than Python: the program of each, and what it tests."""
+"""Suites of their own, which need more than Python, or minutes of waiting: the words after ``python``, and what each tests."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,5 +32,5 @@ def main(words: Sequence[str]) -> None:
     settings = {"OMP_NUM_THREADS": "1", **os.environ}
     program = ["-m", "pytest", *words]
     if words and words[0] in SUITES:
-        program = [SUITES[words[0]][0], *words[1:]]
+        program = [*SUITES[words[0]][0].split(), *words[1:]]
     sys.exit(subprocess.run([sys.executable, *program], cwd=ROOT, env=settings, check=False).returncode)
