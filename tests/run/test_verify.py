@@ -75,7 +75,7 @@ def test_a_damaged_frame_and_a_torn_manifest(results: Path, caplog: pytest.LogCa
     flip(frames[0])
     frames[1].unlink()
     assert main(["verify"]) == 2
-    assert f"{frames[0]}: is not the frame that" in caplog.text
+    assert f"{frames[0]}: has other bytes than were recorded; restore it" in caplog.text
     assert f"{frames[1]}: is missing" in caplog.text
     assert "config/recapture.tsv" in caplog.text
     assert "to make them again" not in caplog.text  # no job can

@@ -13,7 +13,7 @@ from kinran.base.exr import CRC32, read_exr_with_header
 from kinran.base.files import InputError, check_comment, read_as, read_json, sha256
 from kinran.base.npz import read_npz
 from kinran.base.pictures import check_png
-from kinran.capture.journal import read as read_journal
+from kinran.capture import bit_rot
 from kinran.data.capture_plan import read_plan
 from kinran.data.radiance_stack import Stack
 from kinran.data.shards import NAMES, SHARD, check_receipt, shard_path
@@ -75,17 +75,34 @@ def check_capture(folder: Path) -> Iterator[Checked]:
     plan, journal = folder / "plan.json", folder / "journal.jsonl"
     if plan.is_file():
         yield _checked(plan, lambda path: read_plan(path) and _states_json(path), plan)
-    if journal.is_file():
-        yield _checked(journal, lambda path: read_journal(path) != ([], 0), None)
+    sound = True
     for path in sorted((folder / "groups").glob("*.json")):
         try:
             manifest = read_as(path, _Manifest, "a manifest", "capture the group again")
         except InputError as error:
             yield Checked(path, Fault(str(error), path))
+            sound = False
             continue
         yield Checked(path, None, _states_json(path))
         for frame in (frame for shot in manifest.shots for frame in shot.frames):
-            yield _check_frame(folder / frame.file, frame.sha256, path, manifest.kind == "grid")
+            photograph = manifest.kind == "list"  # the rig's frames are checked with the journal
+            file = folder / frame.file
+            yield _check_frame(file, frame.sha256, path) if photograph else Checked(file)
+    if sound and (journal.is_file() or (folder / "frames").is_dir()):  # else the manifests are made again first
+        yield from _check_journal(folder, journal)
+
+
+def _check_journal(folder: Path, journal: Path) -> Iterator[Checked]:
+    """Check journal, sidecars and frames of the rig."""
+    try:
+        _, wrong = bit_rot.verify(folder)
+    except InputError as error:
+        yield Checked(journal, Fault(str(error)))
+        return
+    yield Checked(journal)
+    for said in wrong:
+        again = "restore it from a copy, or have its direction shot again by a row in config/recapture.tsv"
+        yield Checked(Path(said.partition(": ")[0]), Fault(said if "; " in said else f"{said}; {again}"))
 
 
 def check_results(folder: Path) -> Iterator[Checked]:
@@ -116,14 +133,11 @@ def _checked(path: Path, check: Callable[[Path], object], forced: Path | None) -
         return Checked(path, Fault(str(error), forced))
 
 
-def _check_frame(path: Path, digest: str, manifest: Path, rig: bool) -> Checked:
+def _check_frame(path: Path, digest: str, manifest: Path) -> Checked:
     found = sha256(path) if path.is_file() else ""
     if found == digest:
         return Checked(path)
     what = "is missing" if not found else f"is not the frame that {manifest} has the digest of"
-    if rig:
-        remedy = "restore it from a copy, or have its direction shot again by a row in config/recapture.tsv"
-        return Checked(path, Fault(f"{path}: {what}; {remedy}"))
     return Checked(path, Fault(f"{path}: {what}; restore it, or take it as it is now", manifest))
 
 

@@ -13,7 +13,7 @@ SUITES = {
     "rig-vm": ("tests/vm/rig_vm.py", "the rig's driver and commands on a Linux kernel in a virtual machine"),
     "slurm": ("tests/slurm/on_slurm.py", "the workflow on a SLURM cluster of virtual nodes on this machine"),
 }
-"""Suites of their own, which need more than Python, or minutes of waiting: the words after ``python``, and what each tests."""
+"""Suites of their own, which need more than Python or wait for minutes: the words after `python`, what each tests."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
