@@ -85,6 +85,9 @@ def test_another_size_is_refused(folder: Path) -> None:
     calibration, plan = folder / "calibration.json", folder / "captures/set/plan.json"
     inputs = merge_group.Inputs(plan, calibration, plan.parent / "groups/00.json")
     out = merge_group.Outputs(folder / "radiance.zarr")
+    with pytest.raises(InputError, match=r"p07\.png: has other bytes than when it was taken"):
+        merge_group.main(inputs, out)
+    ingest_group.main(ingest_group.Inputs(folder, plan), inputs.manifest, "00")
     with pytest.raises(InputError, match=r"p07\.png: gives 21 × 12 texels"):
         merge_group.main(inputs, out)
     (folder / "p07.png").write_bytes(b"")
@@ -104,12 +107,12 @@ def test_a_shard_that_changed_since_its_merge_is_refused(folder: Path) -> None:
         (folder / "00.json",),
     )
     stack_stage.main(inputs, stack)
-    shard = shard_path(stack, "flags", 1)
+    shard = shard_path(stack, "radiance", 1)
     whole = shard.read_bytes()
-    for other in (shard_path(stack, "flags", 0).read_bytes(), whole[:-9] + bytes([whole[-9] ^ 1]) + whole[-8:]):
+    for other in (shard_path(stack, "radiance", 0).read_bytes(), whole[:-9] + bytes([whole[-9] ^ 1]) + whole[-8:]):
         shard.write_bytes(other)
-        with pytest.raises(InputError, match=r"flags/c/1/0/0/0: is not the shard that .*00\.json has the digest of"):
+        with pytest.raises(InputError, match=r"radiance/c/1/0/0/0: is not the shard that .*00\.json has the digest of"):
             stack_stage.main(inputs, stack)
     shard.unlink()
-    with pytest.raises(InputError, match=r"flags/c/1/0/0/0: is missing"):
+    with pytest.raises(InputError, match=r"radiance/c/1/0/0/0: is missing"):
         stack_stage.main(inputs, stack)

@@ -13,7 +13,7 @@ import pytest
 from known_scene import SCENE, Capture, radiance
 
 from kinran.__main__ import main
-from kinran.base.files import InputError
+from kinran.base.files import InputError, sha256
 from kinran.bracket.noise import sigma
 from kinran.bracket.shots import read_bracket, read_manifest
 from kinran.bracket.superpixels import merge_bracket
@@ -377,7 +377,13 @@ def test_a_manifest_of_another_plan(broken: Capture) -> None:
 
 
 def test_a_lens_that_was_not_covered(broken: Capture) -> None:
-    shutil.copy(broken.folder / "frames" / "white_25.dng", broken.folder / "frames" / "dark_25.dng")
+    frame = broken.folder / "frames" / "dark_25.dng"
+    shutil.copy(broken.folder / "frames" / "white_25.dng", frame)
+
+    def taken_so(entry: dict[str, list[dict[str, str]]]) -> None:
+        next(each for each in entry["frames"] if each["file"].endswith("dark_25.dng"))["sha256"] = sha256(frame)
+
+    edit(broken.manifest("calibration"), "dark", taken_so)
     with pytest.raises(InputError, match="shot 'dark': is not dark"):
         run_calibrate(broken, broken.folder / "other.json")
 

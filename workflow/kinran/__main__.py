@@ -34,7 +34,6 @@ COMMANDS = {
 """Commands of users: the module of each, and what it does."""
 
 STAGES = {
-    "propose": ("kinran.run.propose", "propose the directions of a fabric's next group"),
     "plan": ("kinran.capture.plan", "plan the shots of a capture"),
     "capture": ("kinran.capture.capture", "shoot a group of the plan"),
     "ingest": ("kinran.capture.ingest", "take photographs as a capture: write its plan"),
@@ -56,6 +55,7 @@ STAGES = {
     "sigma": ("kinran.fit.sigma", "map how well the lights fix a material"),
     "normals": ("kinran.fit.normals", "find surface normals from a stack"),
     "evaluate": ("kinran.judge.evaluate", "judge materials on held-out lights"),
+    "propose": ("kinran.run.propose", "propose the directions of a fabric's next group"),
     "scene": ("kinran.scene.scene", "assemble a Mitsuba scene"),
     "chart": ("kinran.compare.chart", "chart accuracy against speed"),
     "chart-table": ("kinran.compare.chart_table", "join the tables of a fabric's methods, and draw them"),

@@ -42,7 +42,7 @@ fitted = (
 )
 # a job of the chart for each kind of method: a new file is a new job, and no other runs again
 kinds = sorted(p.stem for p in PACKAGES["kinran"].glob("compare/methods/[a-z]*.py"))
-# no rule can name the shards of a group, so Snakemake would not see that one is gone: what says that it is there goes too
+# shards of a group are no outputs that Snakemake knows. Where one is gone, what says that it is there goes, too
 if workflow.is_main_process:
     for fabric in fabrics:
         void.remove_void(Path("results", fabric))
