@@ -1,6 +1,7 @@
 """`kinran rig` on the command line."""
 
 import re
+import subprocess
 import sys
 import types
 from pathlib import Path
@@ -73,3 +74,8 @@ def test_the_udev_rule_is_the_one_in_the_docs(tmp_path: Path, capsys: pytest.Cap
     assert 'ATTRS{idVendor}=="0ab0", ATTRS{idProduct}=="cdef"' in text
     assert main(["rig", "install-udev", "--to", str(tmp_path / "no")]) == 2
     assert "run it as root" in capsys.readouterr().err
+
+
+def test_the_rig_can_be_stopped_where_there_is_hidapi_alone() -> None:
+    code = "import sys; sys.modules['numpy'] = None; import kinran.capture.rig"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -3,19 +3,17 @@
 `status` only looks. `home` clears a latched fault after showing it, then finds the reference of every axis. `estop`
 stops everything at once, whatever other program drives the rig. `repair` and `verify` need no rig: they look after the
 frames of captures.
+
+An action imports what it alone needs, so that the rig can be stopped from a machine with hidapi and nothing else.
 """
 
 import argparse
 import logging
 import sys
-from contextlib import AbstractContextManager
 from pathlib import Path
 
 from kinran.base.files import InputError, check_name
-from kinran.capture import bit_rot, repair
-from kinran.capture.rig_devices import RigConfig, rig_devices
-from kinran.capture.trial_shot import trial_shot
-from kinran.rig.camera import Camera, CameraError
+from kinran.rig.camera import CameraError
 from kinran.rig.errors import RigError
 from kinran.rig.goniometer import ALL_AXES, Goniometer
 from kinran.rig.hid_goniometer import HidGoniometer
@@ -53,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions.add_parser("estop", help="stop everything at once, even if another program drives the rig")
     trial = actions.add_parser("test-shot", help="take one frame under the open shutter, and say how it is exposed")
     trial.add_argument("--exposure", type=float, default=0.01, metavar="SECONDS", help="exposure time (0.01)")
-    trial.add_argument("--camera", default=RigConfig.camera, help="port of the camera: usb, or ptpip:HOST:PORT")
+    trial.add_argument("--camera", default="usb", help="port of the camera: usb, or ptpip:HOST:PORT")
     trial.add_argument("--to", type=Path, default=Path(), metavar="DIR", help="folder of the frame (this one)")
     watching = actions.add_parser("watch", help="show a running capture: progress, lamp, last frame, questions")
     watching.add_argument("fabric", help="name of the fabric")
@@ -68,41 +66,55 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> None:
     """Carry out one action and show the state."""
+    if args.action in WITHOUT_RIG:
+        WITHOUT_RIG[args.action](args)
+        return
     settings = RigSettings(args.usb, args.serial)
-    if args.action == "install-udev":
-        install_udev(args.to, settings)
-        return
-    if args.action == "watch":
-        from kinran.capture.watch import folder, watch  # it imports what only a terminal needs
-
-        watch(folder(args.captures, args.fabric))
-        return
-    if args.action == "repair":
-        root = CAPTURES / check_name(args.fabric, "fabric")
-        print(repair.report(args.fabric, repair.repair(root)))
-        return
-    if args.action == "verify":
-        names = args.fabrics or sorted(path.name for path in CAPTURES.glob("*") if path.is_dir())
-        bit_rot.verify_all([CAPTURES / check_name(name, "fabric") for name in names])
-        return
     try:
-        if args.action == "test-shot":
-            with interruptible():
-                print(trial_shot(devices(args), args.exposure, args.to))
-            return
-        with interruptible(), open_goniometer(args.device, settings, alone=args.action != "estop") as rig:
-            act(rig, args)
+        with interruptible():
+            if args.action == "test-shot":
+                test_shot(args)
+                return
+            with open_goniometer(args.device, settings, alone=args.action != "estop") as rig:
+                act(rig, args)
     except (RigError, CameraError, TransportError) as error:
         raise InputError(str(error)) from None
 
 
-def devices(args: argparse.Namespace) -> AbstractContextManager[tuple[Goniometer, Camera]]:
-    """Return the rig and the camera of a command, to be opened."""
-    if args.device == "virtual":
-        from kinran.virtual.devices import virtual_devices  # it imports the path tracer
+def watch(args: argparse.Namespace) -> None:
+    """Show a running capture."""
+    from kinran.capture import watch
 
-        return virtual_devices(args.to, {}, "test-shot")
-    return rig_devices(RigConfig(args.camera, usb=args.usb, serial=args.serial), args.to, print)
+    watch.watch(watch.folder(args.captures, args.fabric))
+
+
+def repair(args: argparse.Namespace) -> None:
+    """Build a journal again."""
+    from kinran.capture import repair
+
+    print(repair.report(args.fabric, repair.repair(CAPTURES / check_name(args.fabric, "fabric"))))
+
+
+def verify(args: argparse.Namespace) -> None:
+    """Hash the frames of captures."""
+    from kinran.capture import bit_rot
+
+    names = args.fabrics or sorted(path.name for path in CAPTURES.glob("*") if path.is_dir())
+    bit_rot.verify_all([CAPTURES / check_name(name, "fabric") for name in names])
+
+
+def test_shot(args: argparse.Namespace) -> None:
+    """Take one frame, and say how it is exposed."""
+    from kinran.capture.rig_devices import RigConfig, rig_devices
+    from kinran.capture.trial_shot import trial_shot
+
+    if args.device == "virtual":
+        from kinran.virtual.devices import virtual_devices
+
+        devices = virtual_devices(args.to, {}, "test-shot")
+    else:
+        devices = rig_devices(RigConfig(args.camera, usb=args.usb, serial=args.serial), args.to, print)
+    print(trial_shot(devices, args.exposure, args.to))
 
 
 def act(rig: HidGoniometer, args: argparse.Namespace) -> None:
@@ -163,7 +175,7 @@ def describe(rig: Goniometer) -> str:
     return "\n".join(lines)
 
 
-def install_udev(folder: Path, settings: RigSettings) -> None:
+def install_udev(args: argparse.Namespace) -> None:
     """Write the udev rule that lets the users of the machine open a rig, and say how to make it count.
 
     Raises
@@ -171,13 +183,13 @@ def install_udev(folder: Path, settings: RigSettings) -> None:
     InputError
         The folder cannot be written to.
     """
-    path = folder / UDEV_RULE
+    path = args.to / UDEV_RULE
     try:
-        path.write_text(udev_rule(settings.usb))
+        path.write_text(udev_rule(args.usb))
     except OSError as error:
         raise InputError(
             f"{path}: cannot be written ({error.strerror}); run it as root:"
-            f" sudo {Path(sys.executable)} -m kinran rig --usb {settings.usb} install-udev"
+            f" sudo {Path(sys.executable)} -m kinran rig --usb {args.usb} install-udev"
         ) from None
     print(
         f"{path}: written; now run `udevadm control --reload && udevadm trigger` as root, reconnect the rig, and"
@@ -194,3 +206,7 @@ def udev_rule(usb: str) -> str:
         f'SUBSYSTEM=="hidraw", KERNELS=="0003:{vendor:04X}:{product:04X}.*", {access}\n'
         f'SUBSYSTEM=="usb", ATTRS{{idVendor}}=="{vendor:04x}", ATTRS{{idProduct}}=="{product:04x}", {access}\n'
     )
+
+
+WITHOUT_RIG = {"install-udev": install_udev, "watch": watch, "repair": repair, "verify": verify}
+"""Actions that open no rig."""
