@@ -21,8 +21,8 @@ rule plan:
         motion=motion_options(config["rig"]),
         code=digest("kinran.capture.plan"),
     shell:
-        "python -m kinran plan --fabric {wildcards.fabric} {params.directions} --exposures {params.exposures}"
-        " --lamp-mm {params.lamp} --field-mm {params.field} {params.camera} {params.motion} {output}"
+        "python -m kinran plan --fabric {wildcards.fabric} {params.directions} {params.motion}"
+        " --exposures {params.exposures} --lamp-mm {params.lamp} --field-mm {params.field} {params.camera} {output}"
         " 2>&1 | tee {log}"
 
 
