@@ -14,7 +14,7 @@ from kinran.base.files import InputError
 from kinran.base.frames import direction
 from kinran.capture import grid
 from kinran.capture.arms import shots_time
-from kinran.capture.assembly import CALIBRATION_MONITORS, CAMERA_S, RIG, Rig
+from kinran.capture.assembly import CALIBRATION_MONITORS, CAMERA_S, FETCH_S, RIG, Rig
 from kinran.capture.order import spanning_time
 from kinran.capture.plan_drawing import RADIUS, draw_plan
 from kinran.capture.plan_table import frame_bytes, plan_table
@@ -97,7 +97,7 @@ def test_duration_and_dose(paper: Plan) -> None:
     bracket = sum(BRACKET) + 5 * CAMERA_S
     assert paper.light_dose_s == pytest.approx(1228 * bracket)
     travel = shots_time([shot for group in paper.groups for shot in group.shots])
-    assert paper.duration_s == pytest.approx(1231 * (bracket + 0.2) + travel, abs=0.01)
+    assert paper.duration_s == pytest.approx(1231 * (0.2 + bracket + 5 * FETCH_S) + travel, abs=0.01)
 
 
 def test_duration_follows_the_rig() -> None:

@@ -15,8 +15,11 @@ from kinran.rig.goniometer import Identity, check_pose
 from kinran.rig.motion import AXES, SETTLE_S, Four, mdeg
 
 CAMERA_S = 1.0
-"""Seconds that a camera needs for a frame besides its exposure: libgphoto2 alone takes 0.95 s (0.10 to set the shutter
-time, 0.71 to trigger, the rest to notice and fetch the frame), timed with an emulated EOS without delays."""
+"""Seconds under the open shutter that a camera needs for a frame besides its exposure: 1.07 to set it, to release it and
+to hear of the frame (`kinran bench camera`, an emulated EOS without delays of its own)."""
+FETCH_S = 0.5
+"""Seconds in which a frame of 20 MB is fetched, read again, decoded and deleted, under the closed shutter: 0.47 in the
+same benchmark."""
 LARGEST_GROUP = 64
 """Most lights of a group: eight shards, so that a group is merged, or repeated, in minutes."""
 CALIBRATION = "calibration"
@@ -140,7 +143,7 @@ def assemble(
         tuple(float(exposure) for exposure in exposures_s),
         tuple(lights),
         tuple(planned),
-        duration_s=round(len(every) * (bracket + SETTLE_S) + travel, 3),
+        duration_s=round(len(every) * shot_time(exposures_s) + travel, 3),
         light_dose_s=round(bracket * sum(shot.kind in LIT for shot in every), 3),
         lamp_mm=distances.lamp_mm,
         field_mm=distances.field_mm,
@@ -152,6 +155,11 @@ def assemble(
 def bracket_time(exposures_s: Sequence[float]) -> float:
     """Return the seconds of a bracket, in which the shutter of the lamp is open."""
     return sum(exposures_s) + CAMERA_S * len(exposures_s)
+
+
+def shot_time(exposures_s: Sequence[float]) -> float:
+    """Return the seconds of a shot: the rest of the arm, the bracket, and the fetching of its frames."""
+    return SETTLE_S + bracket_time(exposures_s) + FETCH_S * len(exposures_s)
 
 
 def rig_light(index: int, theta: float, phi: float, lamp_mm: float | None, cell: tuple[int, int] | None) -> PlanLight:

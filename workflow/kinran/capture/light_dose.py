@@ -11,7 +11,7 @@ from kinran.base.files import InputError
 from kinran.capture.journal import Record
 
 FRAME_S = 1.0
-"""Seconds under the open shutter that a frame takes besides its exposure, in a prediction (`grid.CAMERA_S`)."""
+"""Seconds under the open shutter that a frame takes besides its exposure, in a prediction (`assembly.CAMERA_S`)."""
 LEFT_OPEN_S = 2.0
 """Seconds after which the watchdog closes the shutter of a host that died (docs/rig.md, Rules)."""
 

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from kinran.capture.arms import pose_of, shots_time
-from kinran.capture.assembly import LIT, Rig, bracket_time
+from kinran.capture.assembly import LIT, Rig, bracket_time, shot_time
 from kinran.capture.order import spanning_time, travel_time
 from kinran.data.capture_plan import Plan, Shot
-from kinran.rig.motion import SETTLE_S, mdeg
+from kinran.rig.motion import mdeg
 
 FRAME_BYTES = 20_000_000
 """Bytes of a frame: 3906 × 2602 pixels of the paper's camera in 16 bits are 20.3 MB."""
@@ -65,15 +65,14 @@ def _row(
     plan: Plan, name: str, lights: int, shots: Sequence[Shot], travel: float, each: int, lux: float | None
 ) -> list[str]:
     frames = len(shots) * len(plan.exposures_s)
-    bracket = bracket_time(plan.exposures_s)
-    lit = bracket * sum(shot.kind in LIT for shot in shots)
+    lit = bracket_time(plan.exposures_s) * sum(shot.kind in LIT for shot in shots)
     return [
         name,
         str(lights),
         str(len(shots)),
         str(frames),
         f"{travel / 60:.1f}",
-        f"{(travel + len(shots) * (bracket + SETTLE_S)) / 60:.1f}",
+        f"{(travel + len(shots) * shot_time(plan.exposures_s)) / 60:.1f}",
         f"{lit:.0f}",
         f"{lit * (lux or 0) / 3600:.4g}",
         f"{frames * each / 1e9:.2f}",

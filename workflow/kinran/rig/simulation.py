@@ -8,7 +8,7 @@ from kinran.rig.hid_goniometer import HidGoniometer
 from kinran.rig.transport import Backend, SimulatedHid
 
 FRAME_S = 1.0
-"""Seconds that a frame takes besides its exposure, the same as `kinran.capture.grid.CAMERA_S`."""
+"""Seconds that a frame takes besides its exposure, the same as `kinran.capture.assembly.CAMERA_S`."""
 _SLICE_S = 1.0
 """Seconds of virtual time between two commands that feed the watchdog, which trips after 2 s."""
 
