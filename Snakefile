@@ -42,4 +42,6 @@ rule all:
 
 # the overview has all fabrics, also after a run in which some failed and whose job for it had to wait for them
 onerror:
-    failures.write_overview(Path(log), list(fabrics), left_out)
+    failures.write_overview(
+        Path(*log[:1]).name, watch.failures(fabrics), fabrics, left_out
+    )

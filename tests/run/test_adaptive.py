@@ -14,7 +14,7 @@ import yaml
 from kinran.base.files import InputError
 from kinran.base.project import ROOT
 from kinran.run import adaptive
-from kinran.run.config import read_fabrics
+from kinran.run.fabrics import read_fabrics
 
 SHIPPED = yaml.safe_load((ROOT / "config.yaml").read_text())
 ROWS = ["theta\tphi\tgroup", *(f"{10 + k}\t{10 * k}\t{k // 8}" for k in range(32))]

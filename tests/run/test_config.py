@@ -13,7 +13,8 @@ from PIL import Image
 from kinran.base.files import InputError
 from kinran.base.project import ROOT
 from kinran.capture import ingest
-from kinran.run.config import SCHEMAS, Fabrics, directions_options, lobes_of, motion_options, read_fabrics
+from kinran.run.config import SCHEMAS, directions_options, lobes_of, motion_options
+from kinran.run.fabrics import Fabrics, read_fabrics
 
 SHIPPED = yaml.safe_load((ROOT / "config.yaml").read_text())
 FABRICS = "fabric\tsource\tencoding\tcrop\tregions\tseeds"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from kinran.run import config as configuration
+from kinran.run import fabrics as sheets
 from kinran.run.resources import (
     CAMERA_TEXELS,
     COSTS,
@@ -50,7 +50,7 @@ def test_stages_of_texels_scale() -> None:
     assert threads("merge", LARGE) == 1
 
 
-def fabric(folder: Path, source: str, crop: str = "") -> configuration.FabricRow:
+def fabric(folder: Path, source: str, crop: str = "") -> sheets.FabricRow:
     """A fabric with settings for a test."""
     (folder / "a.xml").touch()
     (folder / "fabrics.tsv").write_text(
@@ -62,7 +62,7 @@ def fabric(folder: Path, source: str, crop: str = "") -> configuration.FabricRow
     (folder / "none.tsv").touch()
     config.update(virtual={"texels": 24, "samples": 1, "seed": 1}, fit={"model": "slope", "compare": []})
     config.update(scene={"template": str(folder / "a.xml"), "scan": "generated"})
-    return configuration.read_fabrics(config).sound["silk"]
+    return sheets.read_fabrics(config).sound["silk"]
 
 
 def photographs(folder: Path, width: int, height: int) -> str:

@@ -1,12 +1,8 @@
-def camera_option(wildcards):
-    """Return the option of `kinran plan` for the distance of the lens, where the settings have one."""
-    rig = settings(wildcards)["rig"]
-    return f"--camera-mm {rig['camera_mm']}" if "camera_mm" in rig else ""
-
-
 rule plan:
     input:
-        directions=lambda wildcards: sheet_of(settings(wildcards)["rig"], wildcards.fabric)
+        directions=lambda wildcards: sheet_of(
+            settings(wildcards)["rig"], wildcards.fabric
+        )
         or [],
     output:
         "captures/{fabric}/plan.json",

@@ -8,12 +8,13 @@ from kinran.run.config import (
     directions_options,
     lobes_of,
     motion_options,
-    read_fabrics,
     sheet_of,
 )
+from kinran.run.fabrics import read_fabrics
 from kinran.run import failures, resources, void
 from kinran.base.files import InputError
 from snakemake.exceptions import WorkflowError
+from snakemake.logging import logger
 
 # jobs use the interpreter that runs Snakemake, with or without an activated environment; in a container they use its
 # own, with the code of this project (a prefix of one's own replaces Snakemake's, so the strict mode is part of it)
@@ -28,7 +29,7 @@ try:
 except InputError as error:
     raise WorkflowError(str(error))
 
-# a fabric with a wrong row is none for the rules: a job that says so is all that it gets (left_out.smk)
+# a fabric with a wrong row gets one job alone, which fails with what is wrong (left_out.smk)
 fabrics, left_out = listed.sound, listed.broken
 
 rig_fabrics = [name for name, fabric in fabrics.items() if fabric.folder is None]
@@ -36,8 +37,10 @@ set_fabrics = [name for name, fabric in fabrics.items() if fabric.folder is not 
 models = sorted({model for fabric in fabrics.values() for model in fabric.models})
 # a job of the chart for each kind of method: a new file is a new job, and no other runs again
 kinds = sorted(p.stem for p in PACKAGES["kinran"].glob("compare/methods/[a-z]*.py"))
-# no rule can name the shards of a group, so Snakemake would not see that one is gone: what says that it is there goes too
+# shards of a group are named by no rule, so Snakemake would not see that one is gone: what says that it is there goes too
+watch = failures.Watch()
 if workflow.is_main_process:
+    logger.addHandler(watch)
     for fabric in fabrics:
         void.remove_void(Path("results", fabric))
     for says in left_out.values():
@@ -119,6 +122,12 @@ def virtual_rig(wildcards):
     return json.dumps({**settings(wildcards)["virtual"], **lengths}, sort_keys=True)
 
 
+def camera_option(wildcards):
+    """Return the option of `kinran plan` for the distance of the lens, where the settings have one."""
+    rig = settings(wildcards)["rig"]
+    return f"--camera-mm {rig['camera_mm']}" if "camera_mm" in rig else ""
+
+
 def rig_devices(wildcards):
     """Return the settings of rig and camera as JSON; the virtual ones take none."""
     known = "camera iso aperture usb serial speeds accelerations homing_s lux dose_limit_lux_h"
@@ -151,9 +160,7 @@ def methods(wildcards):
 def methods_of(fabric):
     """Return the methods that are judged on the fabric of this name; the first one makes its material."""
     own, asked = fabrics[fabric].models, fabrics[fabric].settings["fit"]["residual"]
-    with_residual = asked == "all" or (
-        asked == "photographs" and fabric in set_fabrics
-    )
+    with_residual = asked == "all" or (asked == "photographs" and fabric in set_fabrics)
     return ["slope-residual", *own] if with_residual and own[0] == "slope" else own
 
 
@@ -162,8 +169,9 @@ def fitted_fabric(wildcards):
 
     Jobs read the shards of its stack, which no rule names.
     """
+    results = Path("results", wildcards.fabric)
     coarse = settings(wildcards)["fit"]["texels"] == "needed"
-    return f"results/{wildcards.fabric}" + ("/needed" if coarse else "")
+    return str(results / "needed" if coarse else results)
 
 
 def fitted(name):

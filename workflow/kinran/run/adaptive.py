@@ -19,7 +19,8 @@ import yaml
 
 from kinran.base.files import InputError, read_json
 from kinran.base.project import ROOT
-from kinran.run.config import ADAPTIVE, lobes_of, read_rows, rig_directions, sheet_of
+from kinran.run.config import ADAPTIVE, lobes_of, rig_directions, sheet_of
+from kinran.run.fabrics import read_rows
 
 LOCK = ".snakemake/adaptive.lock"
 """File that a run locks, and the workflow that it starts with it."""

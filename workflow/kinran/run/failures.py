@@ -5,9 +5,9 @@ cured. The file also names the run, so that it differs after each.
 """
 
 import logging
-import re
 import subprocess
 import sys
+from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -22,10 +22,6 @@ LEFT_OUT = "left_out"
 """Rule of the job that such a fabric gets."""
 EXTRA = ("chart", "stability")
 """Beginnings of the rules that make nothing of what the overview shows."""
-JOB = re.compile(r"^ *Error in rule (?P<rule>\w+):$(?P<lines>(?:\n +.*)*)", re.MULTILINE)
-"""A failed job, in what Snakemake writes to its own log."""
-
-log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -61,41 +57,54 @@ def forget(path: Path, left_out: dict[str, str]) -> None:
         _write(path, noted["run"] if isinstance(noted, dict) and "run" in noted else "", failures)
 
 
-def write_overview(run: Path, fabrics: list[str], left_out: dict[str, str]) -> None:
+class Watch(logging.Handler):
+    """Notes the jobs that fail in a run, from what Snakemake logs, whatever of it is shown."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.failed: dict[int, tuple[str, Path]] = {}
+        """Rule and log of each job that failed, by its id."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        event, said = getattr(getattr(record, "event", None), "name", ""), vars(record)
+        if event == "JOB_ERROR":
+            self.failed[said["jobid"]] = said["rule_name"], Path(*said["log"][:1])
+        elif event == "JOB_FINISHED":  # at a new attempt
+            self.failed.pop(said["job_id"], None)
+
+    def failures(self, fabrics: Collection[str]) -> list[Failure]:
+        """Return a failure for each fabric that has one: the last, as jobs of a group are all reported with it."""
+        found: dict[str, tuple[float, Failure]] = {}
+        for rule, path in self.failed.values():
+            fabric = path.parts[1] if len(path.parts) > 2 else ""
+            written = path.stat().st_mtime if path.is_file() else 0.0
+            if fabric in fabrics and not rule.startswith(EXTRA) and written >= found.get(fabric, (0.0,))[0]:
+                found[fabric] = written, Failure(fabric, rule, _last_sentence(path), str(path))
+        return [failure for _, failure in found.values()]
+
+
+def write_overview(run: str, failed: list[Failure], fabrics: Collection[str], left_out: dict[str, str]) -> None:
     """Note the failures of a run that ended with some, and write the overview, as `kinran overview` does.
 
     Parameters
     ----------
     run
-        Snakemake's log of the run.
+        Name of the run.
+    failed
+        The fabrics with a job that failed.
     fabrics
-        Names of the fabrics that could have finished.
+        Names of all fabrics that could have finished.
     left_out
         What is wrong with the rows of the others.
     """
-    failed = find_failures(run.read_text(encoding="utf-8", errors="replace"), fabrics)
     names = {failure.fabric for failure in failed}
     files = {name: Path("results", name, "evaluation.json") for name in fabrics if name not in names}
     missing = [name for name, path in files.items() if not (path.is_file() and path.with_name("report.html").is_file())]
     not_run = [Failure(name, "", "did not get to its report in this run", "") for name in missing]
-    _write(FILE, run.name, [asdict(failure) for failure in [*_of_rows(left_out), *failed, *not_run]])
+    _write(FILE, run, [asdict(failure) for failure in [*_of_rows(left_out), *failed, *not_run]])
     errors = [str(path) for name, path in files.items() if name not in missing]
     command = [sys.executable, "-m", "kinran", "overview", str(FILE.with_name("report.html"))]
     subprocess.run([*command, "--errors", *errors, "--failures", str(FILE)], check=False)
-
-
-def find_failures(text: str, fabrics: list[str]) -> list[Failure]:
-    """Return the first failure of each fabric from Snakemake's log; what a repetition cured is none."""
-    found: dict[str, Failure] = {}
-    for job in JOB.finditer(text):
-        said = dict(re.findall(r"^ +(jobid|log): (\S+)", job["lines"], re.MULTILINE))
-        path = Path(said.get("log", "").rstrip(","))
-        parts, rule = path.parts, job["rule"]
-        fabric = parts[1] if len(parts) > 2 else ""
-        finished = re.search(rf"^Finished jobid: {said.get('jobid')}\b", text[job.end() :], re.MULTILINE)
-        if fabric in fabrics and fabric not in found and not finished and not rule.startswith(EXTRA):
-            found[fabric] = Failure(fabric, rule, _last_sentence(path), str(path))
-    return list(found.values())
 
 
 def _of_rows(left_out: dict[str, str]) -> list[Failure]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from kinran.base.files import InputError
-from kinran.run.config import FabricRow
+from kinran.run.fabrics import FabricRow
 
 CAMERA_TEXELS = 2_500_000
 """Texels of a fabric on a real rig before its first frame: superpixels of 10.1 megapixels, as in Takeda2008, §4."""
