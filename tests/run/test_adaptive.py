@@ -122,6 +122,24 @@ def test_a_config_for_something_else(tmp_path: Path, change: Callable[[dict[str,
         adaptive.main(configured(tmp_path, change))
 
 
+def test_only_fabrics_with_an_adaptive_plan_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The others are left alone; a broken row is said at the end, when the rounds are done."""
+    played = Played()
+    monkeypatch.setattr(subprocess, "run", played)
+    options = configured(tmp_path, lambda c: c["rig"].update(plan="grid"))
+    rows = "fabric\tsource\tencoding\tcrop\tregions\tseeds\ntiny\trig\t\t\t2\t\nother\trig\t\t\t2\t\nbad\trig\n"
+    (tmp_path / "config" / "fabrics.tsv").write_text(rows)
+    (tmp_path / "config" / "fabrics").mkdir()
+    (tmp_path / "config" / "fabrics" / "other.yaml").write_text("rig: {plan: adaptive, error: 0.2}")
+    with pytest.raises(InputError, match="line 4 has another number of cells"):
+        adaptive.main(options)
+    assert played.said == ["propose", *["workflow", "propose"] * 3]
+    assert "other: 32 directions, error 0.080 (wanted: 0.2)" in capsys.readouterr().out
+    assert not (tmp_path / "captures" / "tiny").exists()
+
+
 def test_a_sheet_that_is_not_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     configured(tmp_path)
     monkeypatch.chdir(tmp_path)

@@ -98,7 +98,7 @@ def test_bad_fabrics_stop_no_other(project: Project) -> None:
     assert set(said) == {"torn", "wrong", "gone"}
     assert (said["torn"][0], said["torn"][2]) == ("ingest", "logs/torn/ingest.log")
     assert "set/p05.png: is not an image that can be read" in said["torn"][1]
-    assert said["wrong"][0] == "sheet"
+    assert said["wrong"][0] == "config"
     assert "nowhere: no such folder" in said["gone"][1]
     assert all((folder / log).read_text().strip() for _, _, log in said.values())
     assert "tiny/report.html" in page.read_text()
@@ -114,4 +114,4 @@ def test_a_run_without_a_sound_fabric_fails_and_says_so(tmp_path: Path, only: st
     project = Project(tmp_path / "project")
     project.sheet("fabrics", HEADER, only)
     assert project.snakemake().returncode != 0
-    assert "<td>wrong</td><td>sheet</td>" in (project.folder / "results" / "report.html").read_text()
+    assert "<td>wrong</td><td>config</td>" in (project.folder / "results" / "report.html").read_text()

@@ -16,7 +16,7 @@ from kinran.base.files import InputError, read_json, write_json
 
 FILE = Path("results/failures.json")
 """Where the failures of a run are noted, from its working folder."""
-SHEET = "sheet"
+CONFIG = "config"
 """What a fabric failed at whose row or settings are wrong."""
 LEFT_OUT = "left_out"
 """Rule of the job that such a fabric gets."""
@@ -108,7 +108,7 @@ def write_overview(run: str, failed: list[Failure], fabrics: Collection[str], le
 
 
 def _of_rows(left_out: dict[str, str]) -> list[Failure]:
-    return [Failure(name, SHEET, says, f"logs/{name}/{LEFT_OUT}.log") for name, says in left_out.items()]
+    return [Failure(name, CONFIG, says, f"logs/{name}/{LEFT_OUT}.log") for name, says in left_out.items()]
 
 
 def _last_sentence(path: Path) -> str:
