@@ -18,6 +18,7 @@ include: "workflow/rules/fit.smk"
 include: "workflow/rules/scene.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/chart.smk"
+include: "workflow/rules/left_out.smk"
 
 
 # without a rig, what was captured is plain input: nothing can overwrite it
@@ -36,3 +37,11 @@ rule all:
     input:
         "results/report.html",
         [promised(fabric) for fabric in fabrics],
+        [f"logs/{fabric}/never" for fabric in left_out],
+
+
+# the overview has all fabrics, also after a run in which some failed and whose job for it had to wait for them
+onerror:
+    failures.write_overview(
+        Path(*log[:1]).name, watch.failures(fabrics), fabrics, left_out
+    )

@@ -14,7 +14,7 @@ import yaml
 from kinran.base.files import InputError
 from kinran.base.project import ROOT
 from kinran.run import adaptive
-from kinran.run.config import read_fabrics
+from kinran.run.fabrics import read_fabrics
 
 SHIPPED = yaml.safe_load((ROOT / "config.yaml").read_text())
 ROWS = ["theta\tphi\tgroup", *(f"{10 + k}\t{10 * k}\t{k // 8}" for k in range(32))]
@@ -26,6 +26,8 @@ def configured(folder: Path, change: Callable[[dict[str, Any]], object] = lambda
     config["rig"]["plan"] = "adaptive"
     change(config)
     (folder / "config").mkdir()
+    (folder / "scenes").mkdir()
+    (folder / "scenes" / "drape.xml").touch()
     (folder / "config.yaml").write_text(yaml.safe_dump(config))
     (folder / "config" / "fabrics.tsv").write_text(
         "fabric\tsource\tencoding\tcrop\tregions\tseeds\ntiny\trig\t\t\t2\t\n"
@@ -120,8 +122,26 @@ def test_a_config_for_something_else(tmp_path: Path, change: Callable[[dict[str,
         adaptive.main(configured(tmp_path, change))
 
 
+def test_only_fabrics_with_an_adaptive_plan_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The others are left alone; a broken row is said at the end, when the rounds are done."""
+    played = Played()
+    monkeypatch.setattr(subprocess, "run", played)
+    options = configured(tmp_path, lambda c: c["rig"].update(plan="grid"))
+    rows = "fabric\tsource\tencoding\tcrop\tregions\tseeds\ntiny\trig\t\t\t2\t\nother\trig\t\t\t2\t\nbad\trig\n"
+    (tmp_path / "config" / "fabrics.tsv").write_text(rows)
+    (tmp_path / "config" / "fabrics").mkdir()
+    (tmp_path / "config" / "fabrics" / "other.yaml").write_text("rig: {plan: adaptive, error: 0.2}")
+    with pytest.raises(InputError, match="line 4 has another number of cells"):
+        adaptive.main(options)
+    assert played.said == ["propose", *["workflow", "propose"] * 3]
+    assert "other: 32 directions, error 0.080 (wanted: 0.2)" in capsys.readouterr().out
+    assert not (tmp_path / "captures" / "tiny").exists()
+
+
 def test_a_sheet_that_is_not_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     configured(tmp_path)
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=r"tiny/directions[.]tsv: is not there yet; kinran adaptive begins it"):
-        read_fabrics(yaml.safe_load(Path("config.yaml").read_text()))
+    (says,) = read_fabrics(yaml.safe_load(Path("config.yaml").read_text())).broken.values()
+    assert "tiny/directions.tsv: is not there yet; kinran adaptive begins it" in says

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from kinran.run import config as configuration
+from kinran.run import fabrics as sheets
 from kinran.run.resources import (
     CAMERA_TEXELS,
     COSTS,
@@ -50,17 +50,19 @@ def test_stages_of_texels_scale() -> None:
     assert threads("merge", LARGE) == 1
 
 
-def fabric(folder: Path, source: str, crop: str = "") -> tuple[Any, dict[str, Any]]:
-    """Row of a fabric, and the config that it is read with."""
+def fabric(folder: Path, source: str, crop: str = "") -> sheets.FabricRow:
+    """A fabric with settings for a test."""
+    (folder / "a.xml").touch()
     (folder / "fabrics.tsv").write_text(
         f"fabric\tsource\tencoding\tcrop\tregions\tseeds\nsilk\t{source}\t\t{crop}\t\t\n"
     )
     rig = {"device": "virtual", "thetas": [0, 40], "phis": 8, "exposures": [25, 1000], "meridians": 8}
     rig.update(lamp_mm=600, field_mm=4.8)
-    config: dict[str, Any] = {"fabrics": str(folder / "fabrics.tsv"), "recapture": "", "rig": rig}
+    config: dict[str, Any] = {"fabrics": str(folder / "fabrics.tsv"), "recapture": str(folder / "none.tsv"), "rig": rig}
+    (folder / "none.tsv").touch()
     config.update(virtual={"texels": 24, "samples": 1, "seed": 1}, fit={"model": "slope", "compare": []})
-    config.update(scene={"template": "a.xml", "scan": "generated"})
-    return configuration.read_fabrics(config)["silk"], config
+    config.update(scene={"template": str(folder / "a.xml"), "scan": "generated"})
+    return sheets.read_fabrics(config).sound["silk"]
 
 
 def photographs(folder: Path, width: int, height: int) -> str:
@@ -71,30 +73,30 @@ def photographs(folder: Path, width: int, height: int) -> str:
 
 
 def test_size_of_the_virtual_fabric(tmp_path: Path) -> None:
-    assert size_of(*fabric(tmp_path, "rig"), tmp_path) == Size(24 * 24, 9)
+    assert size_of(fabric(tmp_path, "rig"), tmp_path) == Size(24 * 24, 9)
 
 
 def test_size_of_photographs_is_that_of_the_first_or_of_its_crop(tmp_path: Path) -> None:
     source = photographs(tmp_path / "set", 40, 30)
-    assert size_of(*fabric(tmp_path, source), tmp_path) == Size(1200, 1)
-    assert size_of(*fabric(tmp_path, source, "2,3,10,20"), tmp_path) == Size(200, 1)
+    assert size_of(fabric(tmp_path, source), tmp_path) == Size(1200, 1)
+    assert size_of(fabric(tmp_path, source, "2,3,10,20"), tmp_path) == Size(200, 1)
 
 
 def test_size_of_a_rig_is_that_of_its_frames(tmp_path: Path) -> None:
     """Before there are any, it is that of the paper's camera."""
-    row, config = fabric(tmp_path, "rig")
-    config["rig"]["device"] = "none"
-    assert size_of(row, config, tmp_path) == Size(CAMERA_TEXELS, 9)
+    row = fabric(tmp_path, "rig")
+    row.settings["rig"]["device"] = "none"
+    assert size_of(row, tmp_path) == Size(CAMERA_TEXELS, 9)
     groups = tmp_path / "silk" / "groups"
     groups.mkdir(parents=True)
     Image.fromarray(np.zeros((7, 9, 3), np.uint8)).save(tmp_path / "silk" / "frame.png")
     (groups / "00.json").write_text(json.dumps({"shots": [{"frames": [{"file": "frame.png"}]}]}))
-    assert size_of(row, config, tmp_path) == Size(63, 9)
+    assert size_of(row, tmp_path) == Size(63, 9)
     (groups / "00.json").write_text("{")
-    assert size_of(row, config, tmp_path) == Size(CAMERA_TEXELS, 9)
+    assert size_of(row, tmp_path) == Size(CAMERA_TEXELS, 9)
 
 
 def test_what_cannot_be_read_is_left_to_the_job_that_reads_it(tmp_path: Path) -> None:
     source = photographs(tmp_path / "set", 40, 30)
     (tmp_path / "set" / "p0.png").write_bytes(b"no picture")
-    assert size_of(*fabric(tmp_path, source), tmp_path).texels == CAMERA_TEXELS
+    assert size_of(fabric(tmp_path, source), tmp_path).texels == CAMERA_TEXELS

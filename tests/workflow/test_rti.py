@@ -14,6 +14,7 @@ from PIL import Image
 from kinran.base import frames
 from kinran.base.encoding import parse
 from kinran.base.exr import read_exr
+from kinran.base.files import InputError
 from kinran.data.lights import LpLight, write_lp
 from kinran.run.rti import Inputs, Options, prepare
 
@@ -111,6 +112,20 @@ def test_the_page_of_python_makes_the_same_material(
     assert all(errors[key] == expected[key] for key in ("relative_error", "psnr", "regions", "lights"))
     assert len(list((tmp_path / "out" / "relit").glob("*.exr"))) == LIGHTS
     assert capsys.readouterr().out == f"{LIGHTS} pictures in out/relit\n"
+
+
+def test_a_finished_set_whose_folder_is_gone_stays_finished(out: Path) -> None:
+    """The workflow has nothing to do; `kinran rti`, which is asked for this folder alone, refuses it."""
+    folder = photographs(out)
+    away = folder.rename(folder.with_name("unmounted"))
+    try:
+        said = run("snakemake", "-s", str(ROOT / "Snakefile"), "-d", str(out / ".kinran"), "-c2", "--dry-run")
+        with pytest.raises(InputError, match="no such folder"):
+            prepare(Inputs(folder), out, Options(holdout=8))
+    finally:
+        away.rename(folder)
+    assert "Nothing to be done" in said
+    assert "left out" not in said
 
 
 def test_again_does_nothing_and_another_crop_starts_over(out: Path) -> None:

@@ -1,6 +1,9 @@
 rule plan:
     input:
-        directions=lambda wildcards: sheet_of(config["rig"], wildcards.fabric) or [],
+        directions=lambda wildcards: sheet_of(
+            settings(wildcards)["rig"], wildcards.fabric
+        )
+        or [],
     output:
         "captures/{fabric}/plan.json",
     log:
@@ -9,16 +12,16 @@ rule plan:
         fabric=any_of(rig_fabrics),
     localrule: True
     params:
-        directions=lambda wildcards: directions_options(config["rig"], wildcards.fabric),
-        exposures=",".join(f"{1 / rate:.9g}" for rate in config["rig"]["exposures"]),
-        lamp=config["rig"]["lamp_mm"],
-        field=config["rig"]["field_mm"],
-        camera=(
-            f"--camera-mm {config['rig']['camera_mm']}"
-            if "camera_mm" in config["rig"]
-            else ""
+        directions=lambda wildcards: directions_options(
+            settings(wildcards)["rig"], wildcards.fabric
         ),
-        motion=motion_options(config["rig"]),
+        exposures=lambda wildcards: ",".join(
+            f"{1 / rate:.9g}" for rate in settings(wildcards)["rig"]["exposures"]
+        ),
+        lamp=lambda wildcards: settings(wildcards)["rig"]["lamp_mm"],
+        field=lambda wildcards: settings(wildcards)["rig"]["field_mm"],
+        camera=camera_option,
+        motion=lambda wildcards: motion_options(settings(wildcards)["rig"]),
         code=digest("kinran.capture.plan"),
     shell:
         "python -m kinran plan --fabric {wildcards.fabric} {params.directions} {params.motion}"
@@ -45,7 +48,7 @@ rule capture:
     params:
         device=config["rig"]["device"],
         virtual=virtual_rig,
-        rig=rig_devices(),
+        rig=rig_devices,
         revisions=revisions,
         # code that decides the virtual rig's frames; a camera's do not depend on code
         code=(

@@ -12,9 +12,9 @@ rule chart:
 
 rule chart_kind:
     input:
-        stack=f"{fitted}/radiance.zarr/zarr.json",
-        labels=f"{fitted}/labels.exr",
-        regions=f"{fitted}/regions.json",
+        stack=fitted("radiance.zarr/zarr.json"),
+        labels=fitted("labels.exr"),
+        regions=fitted("regions.json"),
     output:
         "results/{fabric}/chart/{kind}.csv",
     log:
@@ -40,9 +40,9 @@ rule chart_kind:
 
 rule chart_default:
     input:
-        stack=f"{fitted}/radiance.zarr/zarr.json",
-        labels=f"{fitted}/labels.exr",
-        regions=f"{fitted}/regions.json",
+        stack=fitted("radiance.zarr/zarr.json"),
+        labels=fitted("labels.exr"),
+        regions=fitted("regions.json"),
         material="results/{fabric}/material.exr",
         summary=lambda wildcards: f"results/{wildcards.fabric}/fit/{methods(wildcards)[0]}.json",
     output:

@@ -8,13 +8,13 @@ from kinran.run.config import (
     directions_options,
     lobes_of,
     motion_options,
-    read_fabrics,
-    read_revisions,
     sheet_of,
 )
-from kinran.run import resources, void
+from kinran.run.fabrics import read_fabrics
+from kinran.run import failures, resources, void
 from kinran.base.files import InputError
 from snakemake.exceptions import WorkflowError
+from snakemake.logging import logger
 
 # jobs use the interpreter that runs Snakemake, with or without an activated environment; in a container they use its
 # own, with the code of this project (a prefix of one's own replaces Snakemake's, so the strict mode is part of it)
@@ -25,34 +25,27 @@ shell.prefix(
 )
 
 try:
-    fabrics = read_fabrics(config)
-    revisions_of = read_revisions(config, fabrics)
+    listed = read_fabrics(config)
 except InputError as error:
     raise WorkflowError(str(error))
 
+# a fabric with a wrong row gets one job alone, which fails with what is wrong (left_out.smk)
+fabrics, left_out = listed.sound, listed.broken
+
 rig_fabrics = [name for name, fabric in fabrics.items() if fabric.folder is None]
 set_fabrics = [name for name, fabric in fabrics.items() if fabric.folder is not None]
-models = list(dict.fromkeys([config["fit"]["model"], *config["fit"]["compare"]]))
-jobs = range(config["fit"]["jobs"])
-# the texels that are fitted and judged: as they were measured, or as coarse as the scene allows
-fitted = (
-    "results/{fabric}/needed"
-    if config["fit"]["texels"] == "needed"
-    else "results/{fabric}"
-)
+models = sorted({model for fabric in fabrics.values() for model in fabric.models})
 # a job of the chart for each kind of method: a new file is a new job, and no other runs again
 kinds = sorted(p.stem for p in PACKAGES["kinran"].glob("compare/methods/[a-z]*.py"))
+watch = failures.Watch()
 # shards of a group are no outputs that Snakemake knows. Where one is gone, what says that it is there goes, too
 if workflow.is_main_process:
+    logger.addHandler(watch)
     for fabric in fabrics:
         void.remove_void(Path("results", fabric))
-
-
-wildcard_constraints:
-    fabric="[a-z0-9][a-z0-9_-]*",
-    group="[0-9]+|calibration|views",
-    model="|".join(models),
-    job="[0-9]+",
+    for says in left_out.values():
+        print(f"left out: {says}", file=sys.stderr)
+    failures.forget(failures.FILE, left_out)
 
 
 def any_of(names):
@@ -60,10 +53,22 @@ def any_of(names):
     return "|".join(names) or "(?!)"
 
 
+wildcard_constraints:
+    fabric=any_of(fabrics),
+    group="[0-9]+|calibration|views",
+    model=any_of(models),
+    job="[0-9]+",
+
+
+def settings(wildcards):
+    """Return the settings of a fabric: those of the config, with what it has of its own."""
+    return fabrics[wildcards.fabric].settings
+
+
 @cache
 def size_of(fabric):
     """Return the size of a fabric, on which depends what its jobs ask for."""
-    return resources.size_of(fabrics[fabric], config)
+    return resources.size_of(fabrics[fabric])
 
 
 def threads_of(stage):
@@ -78,10 +83,10 @@ def memory_of(stage):
     )
 
 
-def runtime_of(stage, jobs=1):
-    """Return the minutes of a stage's jobs, of which so many share its work, in the same way."""
+def runtime_of(stage, jobs=lambda wildcards: 1):
+    """Return the minutes of a stage's jobs, of which so many (by wildcards) share its work, in the same way."""
     return lambda wildcards, attempt, threads: resources.minutes(
-        stage, size_of(wildcards.fabric), attempt, threads * jobs
+        stage, size_of(wildcards.fabric), attempt, threads * jobs(wildcards)
     )
 
 
@@ -105,33 +110,36 @@ def receipts(wildcards):
 
 def revisions(wildcards):
     """Return the revisions of a group's shots that are to be taken again, as JSON."""
-    return revisions_of(wildcards.fabric, wildcards.group)
+    return listed.revisions(wildcards.fabric, wildcards.group)
 
 
 def virtual_rig(wildcards):
     """Return the settings of the virtual fabric as JSON; the same settings give the same text."""
+    rig = settings(wildcards)["rig"]
     lengths = {
-        name: config["rig"][name]
-        for name in ("field_mm", "lamp_mm", "camera_mm")
-        if name in config["rig"]
+        name: rig[name] for name in ("field_mm", "lamp_mm", "camera_mm") if name in rig
     }
-    settings = {**config["virtual"], **lengths}
-    return json.dumps(settings, sort_keys=True)
+    return json.dumps({**settings(wildcards)["virtual"], **lengths}, sort_keys=True)
 
 
-def rig_devices():
+def camera_option(wildcards):
+    """Return the option of `kinran plan` for the distance of the lens, where the settings have one."""
+    rig = settings(wildcards)["rig"]
+    return f"--camera-mm {rig['camera_mm']}" if "camera_mm" in rig else ""
+
+
+def rig_devices(wildcards):
     """Return the settings of rig and camera as JSON; the virtual ones take none."""
     known = "camera iso aperture usb serial speeds accelerations homing_s lux dose_limit_lux_h"
-    given = {
-        name: config["rig"][name] for name in known.split() if name in config["rig"]
-    }
-    return json.dumps(given if config["rig"]["device"] == "hid" else {}, sort_keys=True)
+    rig = settings(wildcards)["rig"]
+    given = {name: rig[name] for name in known.split() if name in rig}
+    return json.dumps(given if rig["device"] == "hid" else {}, sort_keys=True)
 
 
 def promised(fabric):
     """Return the files of a fabric that users look for, and that stages read: one that is gone is made again."""
     fits = methods_of(fabric)
-    sigma = ["fit/slope.sigma.exr"] if models[0] == "slope" else []
+    sigma = ["fit/slope.sigma.exr"] if fabrics[fabric].models[0] == "slope" else []
     names = [
         *(f"radiance.zarr/{part}zarr.json" for part in ("", "radiance/", "flags/")),
         *("labels.exr", "regions.json", "statistics.exr"),
@@ -151,25 +159,65 @@ def methods(wildcards):
 
 def methods_of(fabric):
     """Return the methods that are judged on the fabric of this name; the first one makes its material."""
-    with_residual = config["fit"]["residual"] == "all" or (
-        config["fit"]["residual"] == "photographs" and fabric in set_fabrics
-    )
-    return (
-        ["slope-residual", *models]
-        if with_residual and models[0] == "slope"
-        else models
-    )
+    own, asked = fabrics[fabric].models, fabrics[fabric].settings["fit"]["residual"]
+    with_residual = asked == "all" or (asked == "photographs" and fabric in set_fabrics)
+    return ["slope-residual", *own] if with_residual and own[0] == "slope" else own
 
 
 def fitted_fabric(wildcards):
-    """Return the folder of the fabric that is fitted; jobs read the shards of its stack, which no rule names."""
-    return fitted.format(fabric=wildcards.fabric)
+    """Return the folder of the texels that are fitted and judged: as measured, or as coarse as the scene allows.
+
+    Jobs read the shards of its stack, which no rule names.
+    """
+    results = Path("results", wildcards.fabric)
+    coarse = settings(wildcards)["fit"]["texels"] == "needed"
+    return str(results / "needed" if coarse else results)
+
+
+def fitted(name):
+    """Return a file of the texels that are fitted, as a function of a rule's wildcards."""
+    return lambda wildcards: f"{fitted_fabric(wildcards)}/{name}"
+
+
+def jobs_of(wildcards):
+    """Return the number of jobs among which a fabric's texels are divided."""
+    return settings(wildcards)["fit"]["jobs"]
+
+
+def runs_of(wildcards):
+    """Return the files of all fit jobs of a model."""
+    return [
+        f"results/{wildcards.fabric}/fit/{wildcards.model}.{job}.npz"
+        for job in range(jobs_of(wildcards))
+    ]
+
+
+def sigma_of(wildcards):
+    """Return the summary of how well the lights fix the material, which the slope model has."""
+    slope = fabrics[wildcards.fabric].models[0] == "slope"
+    return f"results/{wildcards.fabric}/fit/slope.sigma.json" if slope else []
+
+
+def template_of(wildcards):
+    """Return the scene that shows a fabric."""
+    return settings(wildcards)["scene"]["template"]
+
+
+def scan_of(wildcards):
+    """Return the scan of a fabric's cloth; none for a generated one."""
+    scan = fabrics[wildcards.fabric].scan
+    return str(scan) if scan else []
 
 
 def need_of(wildcards):
     """Return the file of the scene's need where the fit uses it; else the fit does not depend on the scene."""
-    asked = config["fit"]["regions"] == "needed"
+    asked = settings(wildcards)["fit"]["regions"] == "needed"
     return f"results/{wildcards.fabric}/need.json" if asked else []
+
+
+def slope_lobes(wildcards):
+    """Return number and tail of a fabric's slope lobes, or none where they are chosen by its data."""
+    return lobes_of(settings(wildcards)["fit"], fabrics[wildcards.fabric].lights)
 
 
 def lobes_option(wildcards):
@@ -178,20 +226,20 @@ def lobes_option(wildcards):
         return ""
     if choice := choice_of(wildcards):
         return f"--choice {choice}"
-    lobes, tail = lobes_of(config, fabrics[wildcards.fabric])
+    lobes, tail = slope_lobes(wildcards)
     return f"--lobes {lobes} --tail {tail}"
 
 
 def choice_of(wildcards):
     """Return the file of the choice of lobes for the slope model, where the config leaves them open."""
     slope = getattr(wildcards, "model", "slope") == "slope"
-    asked = slope and lobes_of(config, fabrics[wildcards.fabric]) is None
+    asked = slope and slope_lobes(wildcards) is None
     return f"results/{wildcards.fabric}/fit/choice.json" if asked else []
 
 
 def fitted_option(wildcards):
     """Return the option for the regions that get a lobe: all, the shiniest (label 0), or those the scene shows."""
-    regions = config["fit"]["regions"]
+    regions = settings(wildcards)["fit"]["regions"]
     if regions == "needed":
         return f"--need {need_of(wildcards)}"
     return "--fitted 0" if regions == "shiniest" else ""

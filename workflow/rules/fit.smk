@@ -49,9 +49,9 @@ rule coarsen:
 
 rule choice:
     input:
-        stack=f"{fitted}/radiance.zarr/zarr.json",
-        labels=f"{fitted}/labels.exr",
-        regions=f"{fitted}/regions.json",
+        stack=fitted("radiance.zarr/zarr.json"),
+        labels=fitted("labels.exr"),
+        regions=fitted("regions.json"),
     output:
         choice="results/{fabric}/fit/choice.json",
         picture="results/{fabric}/fit/choice.png",
@@ -73,9 +73,9 @@ rule choice:
 
 rule prior:
     input:
-        stack=f"{fitted}/radiance.zarr/zarr.json",
-        labels=f"{fitted}/labels.exr",
-        regions=f"{fitted}/regions.json",
+        stack=fitted("radiance.zarr/zarr.json"),
+        labels=fitted("labels.exr"),
+        regions=fitted("regions.json"),
         choice=choice_of,
     output:
         "results/{fabric}/fit/prior.json",
@@ -98,8 +98,8 @@ rule prior:
 
 rule fit:
     input:
-        stack=f"{fitted}/radiance.zarr/zarr.json",
-        labels=f"{fitted}/labels.exr",
+        stack=fitted("radiance.zarr/zarr.json"),
+        labels=fitted("labels.exr"),
         prior=branch(
             lambda wildcards: wildcards.model == "slope",
             then="results/{fabric}/fit/prior.json",
@@ -115,7 +115,7 @@ rule fit:
         "results/{fabric}/benchmarks/fit.{model}.{job}.tsv"
     resources:
         mem_mb=memory_of("fit"),
-        runtime=runtime_of("fit", jobs=config["fit"]["jobs"]),
+        runtime=runtime_of("fit", jobs=jobs_of),
     params:
         fabric=fitted_fabric,
         prior=lambda wildcards, input: (
@@ -123,7 +123,7 @@ rule fit:
         ),
         fitted=fitted_option,
         lobes=lobes_option,
-        jobs=config["fit"]["jobs"],
+        jobs=jobs_of,
         code=digest("kinran.fit.fit"),
     shell:
         "python -m kinran fit {output:q} --fabric {params.fabric:q} --model {wildcards.model}"
@@ -133,10 +133,10 @@ rule fit:
 
 rule material:
     input:
-        stack=f"{fitted}/radiance.zarr/zarr.json",
-        labels=f"{fitted}/labels.exr",
-        regions=f"{fitted}/regions.json",
-        runs=expand("results/{{fabric}}/fit/{{model}}.{job}.npz", job=jobs),
+        stack=fitted("radiance.zarr/zarr.json"),
+        labels=fitted("labels.exr"),
+        regions=fitted("regions.json"),
+        runs=runs_of,
         need=need_of,
         choice=choice_of,
     output:
@@ -160,8 +160,8 @@ rule material:
 
 rule residual:
     input:
-        stack=f"{fitted}/radiance.zarr/zarr.json",
-        labels=f"{fitted}/labels.exr",
+        stack=fitted("radiance.zarr/zarr.json"),
+        labels=fitted("labels.exr"),
         prior="results/{fabric}/fit/prior.json",
         material="results/{fabric}/fit/slope.exr",
         summary="results/{fabric}/fit/slope.json",
@@ -187,9 +187,9 @@ rule residual:
 
 rule sigma:
     input:
-        stack=f"{fitted}/radiance.zarr/zarr.json",
-        labels=f"{fitted}/labels.exr",
-        regions=f"{fitted}/regions.json",
+        stack=fitted("radiance.zarr/zarr.json"),
+        labels=fitted("labels.exr"),
+        regions=fitted("regions.json"),
         prior="results/{fabric}/fit/prior.json",
         material="results/{fabric}/fit/slope.exr",
     output:
@@ -229,9 +229,9 @@ rule choose:
 
 rule evaluate:
     input:
-        stack=f"{fitted}/radiance.zarr/zarr.json",
-        labels=f"{fitted}/labels.exr",
-        regions=f"{fitted}/regions.json",
+        stack=fitted("radiance.zarr/zarr.json"),
+        labels=fitted("labels.exr"),
+        regions=fitted("regions.json"),
         materials=lambda wildcards: expand(
             "results/{fabric}/fit/{model}.exr",
             fabric=wildcards.fabric,

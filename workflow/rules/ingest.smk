@@ -12,7 +12,7 @@ rule ingest:
         folder=lambda wildcards: fabrics[wildcards.fabric].folder,
         encoding=lambda wildcards: fabrics[wildcards.fabric].encoding,
         crop=lambda wildcards: fabrics[wildcards.fabric].crop,
-        holdout=config["holdout"],
+        holdout=lambda wildcards: settings(wildcards)["holdout"],
         distances=lambda wildcards: fabrics[wildcards.fabric].distance_options,
         code=digest("kinran.capture.ingest"),
     shell:

@@ -1,6 +1,6 @@
 rule need:
     input:
-        template=config["scene"]["template"],
+        template=template_of,
         mesh="results/{fabric}/scene/mesh.ply",
         labels="results/{fabric}/labels.exr",
         regions="results/{fabric}/regions.json",

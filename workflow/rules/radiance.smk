@@ -61,7 +61,7 @@ rule stack:
         mem_mb=memory_of("stack"),
         runtime=runtime_of("stack"),
     params:
-        holdout=config["holdout"],
+        holdout=lambda wildcards: settings(wildcards)["holdout"],
         stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
         code=digest("kinran.radiance.stack"),
     shell:

@@ -11,11 +11,7 @@ rule report:
         material="results/{fabric}/material.exr",
         errors="results/{fabric}/evaluation.json",
         picture="results/{fabric}/evaluation.png",
-        sigma=branch(
-            config["fit"]["model"] == "slope",
-            then="results/{fabric}/fit/slope.sigma.json",
-            otherwise=[],
-        ),
+        sigma=sigma_of,
         choice=choice_of,
         mesh="results/{fabric}/mesh.json",
         render="results/{fabric}/render.png",
@@ -43,6 +39,7 @@ rule overview:
     input:
         errors=expand("results/{fabric}/evaluation.json", fabric=fabrics),
         reports=expand("results/{fabric}/report.html", fabric=fabrics),
+        failures=failures.FILE,
     output:
         report("results/report.html", category="Overview"),
     log:
@@ -51,4 +48,5 @@ rule overview:
     params:
         code=digest("kinran.report.overview"),
     shell:
-        "python -m kinran overview {output:q} --errors {input.errors:q} 2>&1 | tee {log}"
+        "python -m kinran overview {output:q} --errors {input.errors:q} --failures {input.failures:q}"
+        " 2>&1 | tee {log}"

@@ -1,4 +1,6 @@
 rule scan:
+    input:
+        scan_of,
     output:
         "results/{fabric}/scan.ply",
     log:
@@ -7,11 +9,10 @@ rule scan:
         mem_mb=memory_of("scan"),
         runtime=runtime_of("scan"),
     params:
-        source=config["scene"]["scan"],
         code=digest("kinran.virtual.scan"),
     shell:
-        "if [ {params.source:q} = generated ]; then python -m kinran scan {output:q};"
-        " else cp {params.source:q} {output:q}; fi 2>&1 | tee {log}"
+        "if [ -z {input:q} ]; then python -m kinran scan {output:q};"
+        " else cp {input:q} {output:q}; fi 2>&1 | tee {log}"
 
 
 rule mesh:
@@ -37,7 +38,7 @@ rule scene:
     input:
         mesh="results/{fabric}/scene/mesh.ply",
         material="results/{fabric}/material.exr",
-        template=config["scene"]["template"],
+        template=template_of,
     output:
         "results/{fabric}/scene/scene.xml",
     log:

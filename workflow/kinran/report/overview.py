@@ -1,11 +1,11 @@
-"""Write the overview: all fabrics of a run on one HTML page."""
+"""Write the overview: all fabrics of a run on one HTML page, and why some did not finish."""
 
 import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from kinran.base.files import read_json
+from kinran.base.files import read_as, read_json
 from kinran.base.page import embed_file, write_page
 
 
@@ -13,13 +13,28 @@ from kinran.base.page import embed_file, write_page
 class Inputs:
     """Files that the stage reads."""
 
-    errors: Annotated[tuple[Path, ...], "evaluation.json of each fabric; its report and its render stand beside it"]
+    failures: Annotated[Path, "the fabrics that did not finish (.json)"]
+    errors: Annotated[
+        tuple[Path, ...], "evaluation.json of each fabric; its report and its render stand beside it"
+    ] = ()
+
+
+@dataclass(frozen=True)
+class _Failures:
+    """The note of a run, as `kinran.run.failures` writes it."""
+
+    run: str
+    failures: tuple[dict[str, str], ...]
 
 
 def main(inputs: Inputs, out: Annotated[Path, "OUT", "page (.html)"]) -> None:
     """Gather the errors of the fabrics and write the page."""
     fabrics = [_fabric(path, out.parent) for path in inputs.errors]
-    write_page(out, Path(__file__).with_name("overview.html"), {"title": "Fabrics", "fabrics": fabrics})
+    failed = [
+        _failure(failure, out.parent) for failure in read_as(inputs.failures, _Failures, "a note of failures").failures
+    ]
+    values = {"title": "Fabrics", "fabrics": fabrics, "failed": failed}
+    write_page(out, Path(__file__).with_name("overview.html"), values)
 
 
 def _fabric(path: Path, folder: Path) -> dict[str, Any]:
@@ -28,3 +43,7 @@ def _fabric(path: Path, folder: Path) -> dict[str, Any]:
         "link": os.path.relpath(path.with_name("report.html"), folder),
         "render": embed_file(path.with_name("render.png")),
     }
+
+
+def _failure(failure: dict[str, str], folder: Path) -> dict[str, str]:
+    return {**failure, "link": os.path.relpath(failure["log"], folder) if failure["log"] else ""}

@@ -19,8 +19,8 @@ import yaml
 
 from kinran.base.files import InputError, read_json
 from kinran.base.project import ROOT
-from kinran.base.sheets import read_sheet
-from kinran.run.config import ADAPTIVE, check, lobes_of, read_fabrics, sheet_of
+from kinran.run.config import ADAPTIVE, lobes_of, rig_directions, sheet_of
+from kinran.run.fabrics import read_rows
 
 LOCK = ".snakemake/adaptive.lock"
 """File that a run locks, and the workflow that it starts with it."""
@@ -43,48 +43,54 @@ def main(options: Options = Options()) -> None:
         The config does not ask for an adaptive plan, another run is at work, or a step failed.
     """
     with chdir(options.folder):
-        config = _config()
-        names = [row["fabric"] for row in read_sheet(config["fabrics"]) if row["source"] == "rig"]
+        settings, broken = _settings()
         with _alone() as lock:
-            for name in names:
-                if not _sheet(config, name).exists():
-                    _propose(config, name)
-            for name in names:
-                while _round(config, name, options.cores, lock):
+            for name, own in settings.items():
+                if not _sheet(own, name).exists():
+                    _propose(own, name)
+            for name, own in settings.items():
+                while _round(own, name, options.cores, lock):
                     pass
-                print(saved(config, name))
+                print(saved(own, name))
+        if broken:
+            raise InputError("; ".join(broken.values()))
 
 
-def _config() -> dict[str, Any]:
-    """Read and check the config.
+def _settings() -> tuple[dict[str, dict[str, Any]], dict[str, str]]:
+    """Return the settings of the fabrics with an adaptive plan, by name, and what is wrong with broken rows.
 
     Raises
     ------
     InputError
-        It is missing or wrong, or asks for another plan, another model, or no held-out lights.
+        The config is missing or wrong, or no fabric has an adaptive plan, or one has another model or no held-out
+        lights.
     """
     try:
         config: dict[str, Any] = yaml.safe_load(Path("config.yaml").read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError) as error:
         raise InputError(f"{Path('config.yaml').resolve()}: cannot be read ({error})") from None
-    check(config, "config", "config.yaml")
-    if config["rig"]["plan"] != ADAPTIVE:
+    rows, broken = read_rows(config)
+    on_rig = {name: row for name, row in rows.items() if row.cells["source"] == "rig"}
+    found = {name: row for name, row in on_rig.items() if row.settings["rig"]["plan"] == ADAPTIVE}
+    if not found and not broken:
         raise InputError(f"config.yaml: rig.plan is {config['rig']['plan']}; set it to {ADAPTIVE}")
-    if config["fit"]["model"] != "slope" or not config["holdout"]:
-        raise InputError(
-            f"config.yaml: fit.model {config['fit']['model']}, holdout {config['holdout']}: an adaptive plan takes"
-            " lobes of the model slope, and is judged by lights held out; set both"
-        )
-    return config
+    for row in found.values():
+        model, holdout = row.settings["fit"]["model"], row.settings["holdout"]
+        if model != "slope" or not holdout:
+            raise InputError(
+                f"{row.own}: fit.model {model}, holdout {holdout}: an adaptive plan takes"
+                " lobes of the model slope, and is judged by lights held out; set both"
+            )
+    return {name: row.settings for name, row in found.items()}, broken
 
 
-def _sheet(config: dict[str, Any], name: str) -> Path:
-    sheet = sheet_of(config["rig"], name)
+def _sheet(settings: dict[str, Any], name: str) -> Path:
+    sheet = sheet_of(settings["rig"], name)
     assert sheet
     return sheet
 
 
-def _round(config: dict[str, Any], name: str, cores: int, lock: int) -> bool:
+def _round(settings: dict[str, Any], name: str, cores: int, lock: int) -> bool:
     """Run the workflow as far as the error of a fabric, and ask for a further group; returns whether there is one."""
     targets = [f"results/{name}/{file}" for file in ("evaluation.json", "fit/prior.json")]
     snakemake = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile")]
@@ -97,21 +103,23 @@ def _round(config: dict[str, Any], name: str, cores: int, lock: int) -> bool:
     mark.unlink()
     if failed:
         raise InputError(f"{name}: the run did not finish; the messages above and the folder logs say why")
-    before = _sheet(config, name).read_bytes()
-    _propose(config, name)
-    return _sheet(config, name).read_bytes() != before
+    before = _sheet(settings, name).read_bytes()
+    _propose(settings, name)
+    return _sheet(settings, name).read_bytes() != before
 
 
-def _propose(config: dict[str, Any], name: str) -> None:
+def _propose(settings: dict[str, Any], name: str) -> None:
     """Call `kinran propose` on a fabric's sheet."""
-    sheet, rig = _sheet(config, name), config["rig"]
-    options = [f"--error={rig['error']}", f"--most={rig['most']}", f"--holdout={config['holdout']}"]
+    sheet, rig = _sheet(settings, name), settings["rig"]
+    options = [f"--error={rig['error']}", f"--most={rig['most']}", f"--holdout={settings['holdout']}"]
     if sheet.exists():
         results = f"results/{name}"
-        fabric = f"{results}/needed" if config["fit"]["texels"] == "needed" else results
+        fabric = f"{results}/needed" if settings["fit"]["texels"] == "needed" else results
         options += [f"--fabric={fabric}", f"--prior={results}/fit/prior.json"]
         options += [f"--evaluation={results}/evaluation.json"]
-        lobes = lobes_of(config, read_fabrics(config)[name])
+        listed = rig_directions(rig, name)
+        assert listed
+        lobes = lobes_of(settings["fit"], listed.count)
         if lobes is None:
             options += [f"--choice={results}/fit/choice.json"]
         else:
@@ -138,9 +146,9 @@ def _alone() -> Iterator[int]:
         yield file.fileno()
 
 
-def saved(config: dict[str, Any], name: str) -> str:
-    """Return what a fabric took, in words: its last error, and how many directions the grid of the config has more."""
-    rig, last = config["rig"], read_json(_sheet(config, name).with_suffix(".json"))[-1]
+def saved(settings: dict[str, Any], name: str) -> str:
+    """Return what a fabric took, in words: its last error, and how many directions more its grid has."""
+    rig, last = settings["rig"], read_json(_sheet(settings, name).with_suffix(".json"))[-1]
     took = f"{name}: {last['directions']} directions, error {last['error']:.3f} (wanted: {rig['error']:g})"
     if not {"thetas", "phis"} <= rig.keys():
         return took

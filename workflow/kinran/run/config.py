@@ -1,121 +1,39 @@
-"""The configuration: read once, checked by schema, with defaults filled in."""
+"""The configuration: checked by schema, with defaults filled in, and with what a fabric has of its own."""
 
-import json
+import copy
+import functools
 import shlex
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import jsonschema
 import yaml
 
-from kinran.base import encoding
-from kinran.base.distances import Distances
 from kinran.base.files import InputError
 from kinran.base.project import ROOT
-from kinran.base.sheets import read_sheet
-from kinran.capture import grid
-from kinran.capture.assembly import CALIBRATION
 from kinran.capture.directions import Directions, read_directions
-from kinran.data.capture_plan import list_group_names
-from kinran.data.lights import lp_file, read_lp
 from kinran.fit.few_lights import FEW_LIGHTS
 
-OF_PHOTOGRAPHS = ("lamp_mm", "field_mm", "camera_mm", "chart", "chart_corners", "lamp")
-"""Columns of the sheet of fabrics that it need not have."""
 ADAPTIVE = "adaptive"
 """The plan of a rig whose fabrics have a sheet of directions each, which `kinran propose` appends to."""
+OWN = ("rig", "virtual", "fit", "scene", "holdout")
+"""Sections of the config that a fabric may have of its own."""
+ONE_RIG = ("device", "camera", "usb", "serial", "speeds", "accelerations", "homing_s", "backlash", "photodiode")
+"""Settings of the section `rig` that no fabric has of its own: there is one rig, and all fabrics lie on it in turn."""
 SCHEMAS = ROOT / "workflow" / "schemas"
 
 
-@dataclass(frozen=True)
-class ChartShot:
-    """A photograph of a colour chart.
-
-    Attributes
-    ----------
-    file
-        None on the rig, which shoots it itself, and where there is none.
-    corners, lamp
-        Options ``--chart-corners`` and ``--lamp`` of `kinran calibrate`.
-    """
-
-    file: Path | None = None
-    corners: str = ""
-    lamp: str = ""
-
-    @property
-    def options(self) -> str:
-        """Options of `kinran calibrate`."""
-        file = f"--chart {shlex.quote(str(self.file))} " if self.file else ""
-        return f"{file}--chart-corners={shlex.quote(self.corners)} --lamp={shlex.quote(self.lamp)}"
-
-
-@dataclass(frozen=True)
-class FabricRow:
-    """A row of the sheet of fabrics.
-
-    Attributes
-    ----------
-    name
-        Name of the fabric and of its folders.
-    folder
-        Folder of its photographs; None where it lies on the rig.
-    encoding, crop
-        Encoding and crop of the photographs.
-    regions
-        Number of regions; None for as many as the data tell apart.
-    seeds
-        Texels of each region, as the sheet has them.
-    distances
-        Distances of lamps and camera of photographs; empty on the rig, whose config has them.
-    chart
-        Colour chart of the fabric's session.
-    lights
-        Number of different light directions.
-    light_groups
-        Groups of its capture that hold lights.
-    all_groups
-        Groups of lights, and the calibration group of the rig.
-    """
-
-    name: str
-    folder: Path | None
-    encoding: str
-    crop: str
-    regions: int | None
-    seeds: str
-    distances: Distances
-    chart: ChartShot
-    lights: int
-    light_groups: tuple[str, ...]
-    all_groups: tuple[str, ...]
-
-    @property
-    def region_option(self) -> str:
-        """Options of `kinran segment`."""
-        count = "" if self.regions is None else f"--count {self.regions} "
-        return f"{count}--seeds={shlex.quote(self.seeds)}" if self.seeds else count
-
-    @property
-    def distance_options(self) -> str:
-        """Options of `kinran ingest`."""
-        given = {name.replace("_", "-"): value for name, value in asdict(self.distances).items() if value is not None}
-        return " ".join(f"--{name} {value:.9g}" for name, value in given.items())
-
-
-def lobes_of(config: dict[str, Any], fabric: FabricRow) -> tuple[int, str] | None:
-    """Number and tail of a fabric's slope lobes: those of the config, but one GGX lobe under few lights.
+def lobes_of(fit: dict[str, Any], lights: int) -> tuple[int, str] | None:
+    """Number and tail of a fabric's slope lobes: those of its section `fit`, but one GGX lobe under few lights.
 
     None where `kinran choice` chooses them for each fabric. With few directions two lobes explode: on a path-traced
     brocade under 29 lights their held-out error was 1.17, that of one lobe less than that of the four steps, 0.99.
     """
-    if config["fit"]["lobes"] == "choose":
+    if fit["lobes"] == "choose":
         return None
-    if fabric.lights < FEW_LIGHTS:
+    if lights < FEW_LIGHTS:
         return 1, "ggx"
-    return config["fit"]["lobes"], config["fit"]["tail"]
+    return fit["lobes"], fit["tail"]
 
 
 def check(value: dict[str, Any], schema: str, where: str) -> None:
@@ -126,7 +44,7 @@ def check(value: dict[str, Any], schema: str, where: str) -> None:
     InputError
         The value does not fit the schema.
     """
-    rules = yaml.safe_load((SCHEMAS / f"{schema}.schema.yaml").read_text(encoding="utf-8"))
+    rules = read_schema(schema)
     _fill(value, rules)
     error = jsonschema.exceptions.best_match(jsonschema.Draft202012Validator(rules).iter_errors(value))
     if error is not None:
@@ -136,73 +54,70 @@ def check(value: dict[str, Any], schema: str, where: str) -> None:
         )
 
 
+@functools.cache
+def read_schema(name: str) -> dict[str, Any]:
+    """Return a schema of `workflow/schemas`, which is not to be changed."""
+    rules: dict[str, Any] = yaml.safe_load((SCHEMAS / f"{name}.schema.yaml").read_text(encoding="utf-8"))
+    return rules
+
+
 def _fill(value: dict[str, Any], rules: dict[str, Any]) -> None:
     for key, rule in rules.get("properties", {}).items():
         if "default" in rule:
-            value.setdefault(key, rule["default"])
+            value.setdefault(key, copy.deepcopy(rule["default"]))
         if isinstance(value.get(key), dict):
             _fill(value[key], rule)
 
 
-def read_fabrics(config: dict[str, Any]) -> dict[str, FabricRow]:
-    """Check the config, and read the sheet of fabrics that it names.
+def own_settings(config: dict[str, Any], cells: dict[str, str], where: str) -> tuple[dict[str, Any], str]:
+    """Return the sections of the config with what a fabric has of its own, and the file that has it.
+
+    Parameters
+    ----------
+    config
+        The config, checked.
+    cells
+        The fabric's row of the sheet.
+    where
+        Sheet and line, for messages.
 
     Raises
     ------
     InputError
-        The config or a row is wrong, or a set's lights cannot be read.
+        The file is wrong, or its row names one that is not there.
     """
-    check(config, "config", "config.yaml")
-    sheet = config["fabrics"]
-    fabrics: dict[str, FabricRow] = {}
-    for row in read_sheet(sheet):
-        check(dict(row), "fabric", f"{sheet}: fabric '{row.get('fabric', '')}'")
-        if row["fabric"] in fabrics:
-            raise InputError(f"{sheet}: fabric '{row['fabric']}' stands twice; give each a name of its own")
-        fabrics[row["fabric"]] = _fabric(row, config["rig"], sheet)
-    if not fabrics:
-        raise InputError(f"{sheet}: has no fabric; add a row")
-    return fabrics
-
-
-def _fabric(row: dict[str, str], rig: dict[str, Any], sheet: str) -> FabricRow:
-    regions = int(row["regions"]) if row["regions"] else None
-    lamp, field, camera = (float(row[name]) if row.get(name) else None for name in ("lamp_mm", "field_mm", "camera_mm"))
-    distances = Distances(lamp, field, camera)
-    if row["source"] == "rig":
-        if given := [name for name in OF_PHOTOGRAPHS if row.get(name)]:
-            raise InputError(
-                f"{sheet}: fabric '{row['fabric']}' lies on the rig, whose distances and chart are those of"
-                f" config.yaml; leave {given[0]} empty in its row"
-            )
-        chart = ChartShot(None, rig["chart_corners"], rig["lamp"])
-        if listed := rig_directions(rig, row["fabric"]):
-            names, count = listed.group_names, listed.count
-        else:
-            names = grid.group_names(rig["thetas"], rig["phis"], rig["meridians"])
-            count = (len(rig["thetas"]) - 1) * rig["phis"] + 1
-        lights = tuple(name for name in names if name != CALIBRATION)
-        return FabricRow(
-            row["fabric"], None, "", "", regions, row["seeds"], distances, chart, count, lights, tuple(names)
-        )
-    folder = Path(row["source"])
-    encoded = row["encoding"] or "srgb"
-    encoding.parse(encoded)
-    chart = ChartShot(
-        folder / row["chart"] if row.get("chart") else None, row.get("chart_corners", ""), row.get("lamp", "")
-    )
-    if chart.file is None and (chart.corners or chart.lamp):
+    named = cells.get("settings", "")
+    path = Path(named) if named else Path(config["fabrics"]).parent / "fabrics" / f"{cells['fabric']}.yaml"
+    shared = {name: config[name] for name in OWN}
+    if not path.exists():
+        if named:
+            raise InputError(f"{where}: settings: {path} is no file; correct it, or leave the cell empty")
+        return shared, "config.yaml"
+    try:
+        own = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(f"{path}: cannot be read ({' '.join(str(error).split())}); correct it") from None
+    if not isinstance(own, dict):
+        raise InputError(f"{path}: has no sections; it takes {', '.join(OWN)} as config.yaml has them")
+    if others := [name for name in own if name not in OWN]:
+        raise InputError(f"{path}: '{others[0]}' is no section of a fabric; it takes {', '.join(OWN)}")
+    rig = own.get("rig")
+    if isinstance(rig, dict) and (machine := [name for name in ONE_RIG if name in rig]):
         raise InputError(
-            f"{sheet}: fabric '{row['fabric']}' has no chart; name its photograph,"
-            " or leave its corners and its lamp empty"
+            f"{path}: rig.{machine[0]}: is the same for all fabrics, as there is one rig; set it in config.yaml"
         )
-    if chart.file is not None and not chart.file.is_file():
-        raise InputError(f"{sheet}: {chart.file} is no file; correct the chart of fabric '{row['fabric']}'")
-    count = len(read_lp(lp_file(folder)))
-    groups = tuple(list_group_names(count))
-    return FabricRow(
-        row["fabric"], folder, encoded, row["crop"], regions, row["seeds"], distances, chart, count, groups, groups
-    )
+    merged = _merge(config, own)
+    check(merged, "config", str(path))
+    return {name: merged[name] for name in OWN}, str(path)
+
+
+def _merge(shared: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
+    """Return shared settings with a fabric's own in their place; what is no mapping is replaced as a whole."""
+    merged = copy.deepcopy(shared)
+    for key, value in own.items():
+        both = isinstance(value, dict) and isinstance(merged.get(key), dict)
+        merged[key] = _merge(merged[key], value) if both else value
+    return merged
 
 
 def sheet_of(rig: dict[str, Any], fabric: str) -> Path | None:
@@ -243,42 +158,3 @@ def motion_options(rig: dict[str, Any]) -> str:
     if not rig["photodiode"]:
         options.append("--no-photodiode")
     return " ".join(options)
-
-
-def read_revisions(config: dict[str, Any], fabrics: dict[str, FabricRow]) -> Callable[[str, str], str]:
-    """Read the sheet of directions to shoot again.
-
-    Returns
-    -------
-    callable
-        (fabric, group) → the shots of the group with a revision, as JSON in one order, for a rule's parameter.
-
-    Raises
-    ------
-    InputError
-        A row is wrong, or names a direction that the rig's plan does not have.
-    """
-    sheet, rig = config["recapture"], config["rig"]
-    wanted: dict[tuple[str, str], dict[str, int]] = {}
-    rows = read_sheet(sheet)
-    for row in rows:
-        check(
-            dict(row),
-            "recapture",
-            f"{sheet}: {row.get('fabric', '')} {row.get('theta', '')} {row.get('phi', '')}",
-        )
-        theta, phi = float(row["theta"]), float(row["phi"])
-        if row["fabric"] not in fabrics or fabrics[row["fabric"]].folder is not None:
-            raise InputError(f"{sheet}: '{row['fabric']}' is no fabric on the rig; correct the row")
-        listed = rig_directions(rig, row["fabric"])
-        if listed:
-            found = listed.find_shots(theta, phi)
-        else:
-            found = grid.find_shots(rig["thetas"], rig["phis"], rig["meridians"], theta, phi)
-        if not found:
-            where = sheet_of(rig, row["fabric"]) or "the grid"
-            raise InputError(f"{sheet}: θ = {theta:g}, φ = {phi:g} is no direction of {where}; correct the row")
-        for group, name in found:
-            shots = wanted.setdefault((row["fabric"], group), {})
-            shots[name] = max(shots.get(name, 0), int(row["revision"]))
-    return lambda fabric, group: json.dumps(wanted.get((fabric, group), {}), sort_keys=True)

@@ -8,10 +8,9 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from kinran.base.files import InputError
-from kinran.run.config import FabricRow
+from kinran.run.fabrics import FabricRow
 
 CAMERA_TEXELS = 2_500_000
 """Texels of a fabric on a real rig before its first frame: superpixels of 10.1 megapixels, as in Takeda2008, §4."""
@@ -109,14 +108,14 @@ photographs of 65,536 texels × 48 lights, 1,048,576 × 12 and 16,384 × 192, an
 side."""
 
 
-def size_of(fabric: FabricRow, config: dict[str, Any], captures: Path = Path("captures")) -> Size:
+def size_of(fabric: FabricRow, captures: Path = Path("captures")) -> Size:
     """Size of a fabric: from the virtual fabric, its crop, or the header of one frame."""
-    return Size(_texels(fabric, config, captures), fabric.lights)
+    return Size(_texels(fabric, captures), fabric.lights)
 
 
-def _texels(fabric: FabricRow, config: dict[str, Any], captures: Path) -> int:
-    if fabric.folder is None and config["rig"]["device"] == "virtual":
-        return int(config["virtual"]["texels"]) ** 2
+def _texels(fabric: FabricRow, captures: Path) -> int:
+    if fabric.folder is None and fabric.settings["rig"]["device"] == "virtual":
+        return int(fabric.settings["virtual"]["texels"]) ** 2
     if fabric.crop:
         return math.prod(int(part) for part in fabric.crop.split(",")[2:])
     frame = _frame(fabric, captures)

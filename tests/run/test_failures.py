@@ -1,0 +1,103 @@
+"""What a run notes of the fabrics that did not finish."""
+
+import json
+import logging
+import os
+from enum import Enum, auto
+from pathlib import Path
+
+import pytest
+
+from kinran.run import failures
+from kinran.run.failures import Failure, Watch, forget
+
+
+class Event(Enum):
+    """Events with the names that Snakemake gives them."""
+
+    JOB_ERROR = auto()
+    JOB_FINISHED = auto()
+    JOB_INFO = auto()
+
+
+def emit(watch: Watch, event: Event, **said: object) -> None:
+    record = logging.makeLogRecord({"event": event, **said})
+    watch.handle(record)
+
+
+def failed(watch: Watch, jobid: int, rule: str, log: str) -> None:
+    emit(watch, Event.JOB_ERROR, jobid=jobid, rule_name=rule, log=[log] if log else [])
+
+
+def written(path: str, text: str, time: int) -> str:
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    Path(path).write_text(text)
+    os.utime(path, (time, time))
+    return path
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_the_last_sentence_of_the_log_that_was_written_last() -> None:
+    """Jobs of a group are all reported as failed, with the one that failed last."""
+    watch = Watch()
+    failed(watch, 1, "stack", written("logs/silk/stack.log", "stack: 9 of 9 shards\nkinran stack: is full\n\n", 20))
+    failed(watch, 2, "merge", written("logs/silk/merge/00.log", "merged\n", 10))
+    failed(watch, 3, "report", "logs/silk/report.log")
+    assert watch.failures(["silk"]) == [Failure("silk", "stack", "kinran stack: is full", "logs/silk/stack.log")]
+
+
+def test_a_job_that_said_nothing() -> None:
+    watch = Watch()
+    failed(watch, 1, "fit", "logs/silk/fit/slope.0.log")
+    (failure,) = watch.failures(["silk"])
+    assert failure.says == "said nothing: it was killed, or never began"
+
+
+def test_what_is_no_failure_of_a_fabric() -> None:
+    """A job that a new attempt finished, one that all fabrics share, a row that is wrong, and the chart."""
+    watch = Watch()
+    failed(watch, 1, "fit", "logs/silk/fit/slope.0.log")
+    emit(watch, Event.JOB_FINISHED, job_id=1)
+    failed(watch, 2, "charts", "logs/charts.log")
+    failed(watch, 3, "left_out", "logs/wrong/left_out.log")
+    failed(watch, 4, "chart_kind", "logs/silk/chart/linear.log")
+    failed(watch, 5, "stability", "")
+    emit(watch, Event.JOB_INFO, jobid=6)
+    watch.handle(logging.makeLogRecord({"msg": "no event"}))
+    assert watch.failures(["silk"]) == []
+    failed(watch, 1, "fit", "logs/silk/fit/slope.0.log")
+    assert [failure.fabric for failure in watch.failures(["silk"])] == ["silk"]
+
+
+def test_a_note_is_forgotten_but_not_the_run(tmp_path: Path) -> None:
+    """So the note differs from any before it, and the overview that lists the failures is written again."""
+    path = tmp_path / "results" / "failures.json"
+    forget(path, {})
+    first = path.read_bytes()
+    path.write_text(json.dumps({"run": "a.log", "failures": [{"fabric": "silk"}]}))
+    forget(path, {})
+    assert json.loads(path.read_bytes()) == {"run": "a.log", "failures": []}
+    assert path.read_bytes() != first
+    before = path.stat()
+    forget(path, {})
+    assert path.stat().st_mtime_ns == before.st_mtime_ns
+    forget(path, {"wrong": "a.tsv: line 3: is wrong"})
+    (noted,) = json.loads(path.read_bytes())["failures"]
+    assert noted == {
+        "fabric": "wrong",
+        "stage": "config",
+        "says": "a.tsv: line 3: is wrong",
+        "log": "logs/wrong/left_out.log",
+    }
+
+
+def test_the_overview_lists_who_failed_and_who_was_not_run() -> None:
+    failures.write_overview("a.log", [Failure("silk", "fit", "is <full>", "logs/silk/fit.log")], ["silk", "wool"], {})
+    page = Path("results/report.html").read_text()
+    assert "<td>silk</td><td>fit</td><td>is &lt;full&gt;</td>" in page
+    assert "<td>wool</td><td></td><td>did not get to its report in this run</td><td></td>" in page
+    assert "2 fabrics, 2 not finished" in page

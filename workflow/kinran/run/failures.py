@@ -1,0 +1,125 @@
+"""Fabrics that did not finish, each with the sentence that matters: what the overview says of them.
+
+A run notes them in a file, which is an input of the overview: so a page that lists them is written anew once they are
+cured. The file also names the run, so that it differs after each.
+"""
+
+import logging
+import subprocess
+import sys
+from collections.abc import Collection
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from kinran.base.files import InputError, read_json, write_json
+
+FILE = Path("results/failures.json")
+"""Where the failures of a run are noted, from its working folder."""
+CONFIG = "config"
+"""What a fabric failed at whose row or settings are wrong."""
+LEFT_OUT = "left_out"
+"""Rule of the job that such a fabric gets."""
+EXTRA = ("chart", "stability")
+"""Beginnings of the rules that make nothing of what the overview shows."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a fabric did not finish.
+
+    Attributes
+    ----------
+    fabric
+        Its name.
+    stage
+        The rule that failed.
+    says
+        The sentence that matters.
+    log
+        Where more is said, from the working folder; empty where nowhere.
+    """
+
+    fabric: str
+    stage: str
+    says: str
+    log: str
+
+
+def forget(path: Path, left_out: dict[str, str]) -> None:
+    """Begin the note of a run: only the fabrics are in it whose rows are wrong."""
+    failures = [asdict(failure) for failure in _of_rows(left_out)]
+    try:
+        noted = read_json(path) if path.exists() else None
+    except InputError:
+        noted = None
+    if not isinstance(noted, dict) or noted.get("failures") != failures:
+        _write(path, noted["run"] if isinstance(noted, dict) and "run" in noted else "", failures)
+
+
+class Watch(logging.Handler):
+    """Notes the jobs that fail in a run, from what Snakemake logs, whatever of it is shown."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.failed: dict[int, tuple[str, Path]] = {}
+        """Rule and log of each job that failed, by its id."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        event, said = getattr(getattr(record, "event", None), "name", ""), vars(record)
+        if event == "JOB_ERROR":
+            self.failed[said["jobid"]] = said["rule_name"], Path(*said["log"][:1])
+        elif event == "JOB_FINISHED":  # at a new attempt
+            self.failed.pop(said["job_id"], None)
+
+    def failures(self, fabrics: Collection[str]) -> list[Failure]:
+        """Return a failure for each fabric that has one: the last, as jobs of a group are all reported with it."""
+        found: dict[str, tuple[float, Failure]] = {}
+        for rule, path in self.failed.values():
+            fabric = path.parts[1] if len(path.parts) > 2 else ""
+            written = path.stat().st_mtime if path.is_file() else 0.0
+            if fabric in fabrics and not rule.startswith(EXTRA) and written >= found.get(fabric, (0.0,))[0]:
+                found[fabric] = written, Failure(fabric, rule, _last_sentence(path), str(path))
+        return [failure for _, failure in found.values()]
+
+
+def write_overview(run: str, failed: list[Failure], fabrics: Collection[str], left_out: dict[str, str]) -> None:
+    """Note the failures of a run that ended with some, and write the overview, as `kinran overview` does.
+
+    Parameters
+    ----------
+    run
+        Name of the run.
+    failed
+        The fabrics with a job that failed.
+    fabrics
+        Names of all fabrics that could have finished.
+    left_out
+        What is wrong with the rows of the others.
+    """
+    names = {failure.fabric for failure in failed}
+    files = {name: Path("results", name, "evaluation.json") for name in fabrics if name not in names}
+    missing = [name for name, path in files.items() if not (path.is_file() and path.with_name("report.html").is_file())]
+    not_run = [Failure(name, "", "did not get to its report in this run", "") for name in missing]
+    _write(FILE, run, [asdict(failure) for failure in [*_of_rows(left_out), *failed, *not_run]])
+    errors = [str(path) for name, path in files.items() if name not in missing]
+    command = [sys.executable, "-m", "kinran", "overview", str(FILE.with_name("report.html"))]
+    subprocess.run([*command, "--errors", *errors, "--failures", str(FILE)], check=False)
+
+
+def _of_rows(left_out: dict[str, str]) -> list[Failure]:
+    return [Failure(name, CONFIG, says, f"logs/{name}/{LEFT_OUT}.log") for name, says in left_out.items()]
+
+
+def _last_sentence(path: Path) -> str:
+    """Return the last line of a log."""
+    try:
+        lines = [line.strip() for line in path.read_text(encoding="utf-8", errors="replace").splitlines()]
+    except OSError:
+        lines = []
+    return next((line for line in reversed(lines) if line), "said nothing: it was killed, or never began")
+
+
+def _write(path: Path, run: str, failures: list[dict[str, Any]]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_json(path, {"run": run, "failures": failures})
