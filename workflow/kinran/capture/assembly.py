@@ -15,8 +15,8 @@ from kinran.rig.goniometer import Identity, check_pose
 from kinran.rig.motion import AXES, SETTLE_S, Four, mdeg
 
 CAMERA_S = 1.0
-"""Seconds under the open shutter that a camera needs for a frame besides its exposure: 1.07 to set and release it, until
-the frame is known of (`kinran bench camera`, an emulated EOS without delays of its own)."""
+"""Seconds under the open shutter that a camera needs for a frame besides its exposure: 1.07 to set and release it
+until the frame is known of (`kinran bench camera`, an emulated EOS without delays)."""
 FETCH_S = 0.5
 """Seconds in which a frame of 20 MB is fetched, read again, decoded and deleted, under the closed shutter: 0.47 in the
 same benchmark."""
