@@ -95,6 +95,12 @@ def test_a_note_is_forgotten_but_not_the_run(tmp_path: Path) -> None:
     }
 
 
+def test_a_folder_that_is_only_read_is_no_error(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (tmp_path / "results").touch()
+    forget(tmp_path / "results" / "failures.json", {})
+    assert "cannot be written to" in caplog.text
+
+
 def test_the_overview_lists_who_failed_and_who_was_not_run() -> None:
     failures.write_overview("a.log", [Failure("silk", "fit", "is <full>", "logs/silk/fit.log")], ["silk", "wool"], {})
     page = Path("results/report.html").read_text()

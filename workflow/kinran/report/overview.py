@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from kinran.base.files import read_as, read_json
+from kinran.base.files import InputError, read_as, read_json
 from kinran.base.page import embed_file, write_page
 
 
@@ -28,13 +28,27 @@ class _Failures:
 
 
 def main(inputs: Inputs, out: Annotated[Path, "OUT", "page (.html)"]) -> None:
-    """Gather the errors of the fabrics and write the page."""
-    fabrics = [_fabric(path, out.parent) for path in inputs.errors]
+    """Gather the errors of the fabrics and write the page.
+
+    Raises
+    ------
+    InputError
+        A fabric's files are damaged; the page is written, and lists it.
+    """
+    fabrics, damaged = [], {}
+    for path in inputs.errors:
+        try:
+            fabrics.append(_fabric(path, out.parent))
+        except InputError as error:
+            damaged[path.parent.name] = str(error)
     failed = [
         _failure(failure, out.parent) for failure in read_as(inputs.failures, _Failures, "a note of failures").failures
     ]
+    failed += [{"fabric": name, "stage": "overview", "says": says, "link": ""} for name, says in damaged.items()]
     values = {"title": "Fabrics", "fabrics": fabrics, "failed": failed}
     write_page(out, Path(__file__).with_name("overview.html"), values)
+    if damaged:
+        raise InputError("; ".join(damaged.values()))
 
 
 def _fabric(path: Path, folder: Path) -> dict[str, Any]:

@@ -10,7 +10,6 @@ import sys
 from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from kinran.base.files import InputError, read_json, write_json
 
@@ -22,6 +21,8 @@ LEFT_OUT = "left_out"
 """Rule of the job that such a fabric gets."""
 EXTRA = ("chart", "stability")
 """Beginnings of the rules that make nothing of what the overview shows."""
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,11 @@ def forget(path: Path, left_out: dict[str, str]) -> None:
     except InputError:
         noted = None
     if not isinstance(noted, dict) or noted.get("failures") != failures:
-        _write(path, noted["run"] if isinstance(noted, dict) and "run" in noted else "", failures)
+        run = noted["run"] if isinstance(noted, dict) and "run" in noted else ""
+        try:
+            write_json(path, {"run": run, "failures": failures})
+        except InputError as error:  # a dry run in a folder that is only read
+            log.warning("%s", error)
 
 
 class Watch(logging.Handler):
@@ -101,7 +106,7 @@ def write_overview(run: str, failed: list[Failure], fabrics: Collection[str], le
     files = {name: Path("results", name, "evaluation.json") for name in fabrics if name not in names}
     missing = [name for name, path in files.items() if not (path.is_file() and path.with_name("report.html").is_file())]
     not_run = [Failure(name, "", "did not get to its report in this run", "") for name in missing]
-    _write(FILE, run, [asdict(failure) for failure in [*_of_rows(left_out), *failed, *not_run]])
+    write_json(FILE, {"run": run, "failures": [*_of_rows(left_out), *failed, *not_run]})
     errors = [str(path) for name, path in files.items() if name not in missing]
     command = [sys.executable, "-m", "kinran", "overview", str(FILE.with_name("report.html"))]
     subprocess.run([*command, "--errors", *errors, "--failures", str(FILE)], check=False)
@@ -118,8 +123,3 @@ def _last_sentence(path: Path) -> str:
     except OSError:
         lines = []
     return next((line for line in reversed(lines) if line), "said nothing: it was killed, or never began")
-
-
-def _write(path: Path, run: str, failures: list[dict[str, Any]]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_json(path, {"run": run, "failures": failures})
