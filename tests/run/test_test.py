@@ -26,12 +26,19 @@ def called(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
     return programs
 
 
-@pytest.mark.parametrize("words", [[], ["-k", "merge"], ["tests/rig", "-x"], ["-k", "rig-vm"]])
+@pytest.mark.parametrize("words", [["-k", "merge"], ["tests/rig", "-x"], ["-k", "rig-vm"]])
 def test_words_go_to_pytest(called: list[list[str]], words: list[str]) -> None:
     with pytest.raises(SystemExit) as end:
         command_line.main(["test", *words])
     assert end.value.code == 3
     assert called == [[sys.executable, "-m", "pytest", *words]]
+
+
+def test_the_whole_run_takes_two_processes(called: list[list[str]]) -> None:
+    with pytest.raises(SystemExit) as end:
+        command_line.main(["test"])
+    assert end.value.code == 3
+    assert called == [[sys.executable, "-m", "pytest", "-n", "2", "--dist", "loadfile"]]
 
 
 def test_a_suite_gets_the_words_after_its_name(called: list[list[str]]) -> None:

@@ -15,6 +15,9 @@ SUITES = {
 }
 """Suites of their own, which need more than Python or wait for minutes: the words after `python`, what each tests."""
 
+WHOLE = ("-n", "2", "--dist", "loadfile")
+"""Words of the whole run: two processes, each with whole files, since tests of a file share what took long to make."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command: all that it does not know go to pytest, or to the suite."""
@@ -30,7 +33,7 @@ def main(words: Sequence[str]) -> None:
     """
     # threads of BLAS that wait for each other over small matrices take longer than one
     settings = {"OMP_NUM_THREADS": "1", **os.environ}
-    program = ["-m", "pytest", *words]
+    program = ["-m", "pytest", *(words or WHOLE)]
     if words and words[0] in SUITES:
         program = [*SUITES[words[0]][0].split(), *words[1:]]
     sys.exit(subprocess.run([sys.executable, *program], cwd=ROOT, env=settings, check=False).returncode)
