@@ -2,12 +2,16 @@
 
 import os
 import pty
+import signal
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,9 +19,11 @@ from rich.console import Console
 
 from kinran.__main__ import main
 from kinran.base.files import InputError
-from kinran.capture import live
+from kinran.capture import live, watch
 from kinran.capture.live import ANSWER, FrameSeen, Live, LiveFile, answer, read_live, seen
 from kinran.capture.watch import histogram, view
+from kinran.rig.opening import RigSettings
+from kinran.rig.transport import TransportError
 from kinran.virtual.dng import Tags, write_dng
 
 FRAME = FrameSeen("frames/00/t30_p000_e0_r0.dng", 0.004, 0.0312, ((0.0,) * 23 + (1.0,),) * 3)
@@ -149,3 +155,28 @@ def test_without_a_terminal_or_a_capture(tmp_path: Path, capsys: pytest.CaptureF
     (tmp_path / "gold").mkdir()
     with pytest.raises(InputError, match="no capture has run here"):
         read_live(tmp_path / "gold")
+
+
+def test_the_key_of_the_emergency_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It stops the rig even while a capture holds its lock, and ends the capture; else it says what to press."""
+    stopped = []
+
+    @contextmanager
+    def opened(device: str, settings: RigSettings, alone: bool) -> Iterator[SimpleNamespace]:
+        assert (device, settings.usb, settings.serial, alone) == ("hid", "1209:0001", "OGM-1", False)
+        yield SimpleNamespace(estop=lambda: stopped.append(True))
+
+    def none(*_: object, **__: object) -> None:
+        raise TransportError("no rig is connected")
+
+    for device, opening, words in (
+        ("virtual", none, "the capture was stopped"),
+        ("hid", opened, "emergency stop sent"),
+        ("hid", none, "press the rig's own button: no rig is connected"),
+    ):
+        monkeypatch.setattr(watch, "open_goniometer", opening)
+        with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"]) as capture:
+            said = watch.stop_now(Live("silk", "00", capture.pid, device=device, usb="1209:0001", serial="OGM-1"))
+            assert capture.wait(timeout=30) == -signal.SIGTERM
+        assert said.startswith(words)
+    assert stopped == [True]
