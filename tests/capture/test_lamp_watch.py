@@ -69,6 +69,15 @@ def test_a_lamp_that_drifts_is_waited_for() -> None:
     assert max(abs(drift or 0) for drift in creeping[-20:]) > STEADY_PER_MIN
 
 
+def test_a_lamp_that_does_not_warm_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lamp_watch, "LIMIT_S", 300.0)
+    rig = simulated_goniometer(Firmware())
+    rig.hello()
+    rig.lamp(True)
+    with pytest.raises(RigError, match="still not warm after 5 minutes"):
+        warm_up(rig, [])
+
+
 def test_a_lamp_that_never_holds_steady(monkeypatch: pytest.MonkeyPatch) -> None:
     firmware = Firmware()
     rig = simulated_goniometer(firmware)

@@ -176,7 +176,10 @@ def test_the_key_of_the_emergency_stop(monkeypatch: pytest.MonkeyPatch) -> None:
     ):
         monkeypatch.setattr(watch, "open_goniometer", opening)
         with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"]) as capture:
+            capture_ends = threading.Timer(20, capture.kill)  # else a key that does nothing would be waited for
+            capture_ends.start()
             said = watch.stop_now(Live("silk", "00", capture.pid, device=device, usb="1209:0001", serial="OGM-1"))
             assert capture.wait(timeout=30) == -signal.SIGTERM
+            capture_ends.cancel()
         assert said.startswith(words)
     assert stopped == [True]

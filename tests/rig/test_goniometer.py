@@ -18,11 +18,11 @@ from kinran.rig.errors import (
     RigTimeoutError,
 )
 from kinran.rig.firmware import Firmware
-from kinran.rig.goniometer import wait_warm
 from kinran.rig.hid_goniometer import HidGoniometer
 from kinran.rig.motion import AXES, with_motion
 from kinran.rig.opening import RigSettings
 from kinran.rig.protocol import Config, Fault, Flag, Opcode, Report, ReportId, State
+from kinran.rig.simulated_lamp import WARM_UP_S
 from kinran.rig.simulation import simulated_goniometer
 from kinran.rig.transport import SimulatedHid
 
@@ -53,7 +53,8 @@ def test_a_session(rig: HidGoniometer, firmware: Firmware) -> None:
     assert max(abs(state.position[0] - 35_000), abs(state.position[1] - 120_000)) <= 5
     assert firmware.pose[0] == pytest.approx(35_000, abs=3)
     rig.lamp(True)
-    assert wait_warm(rig).has(Flag.LAMP_WARM)
+    rig.wait(WARM_UP_S)
+    assert rig.status().has(Flag.LAMP_WARM)
     assert rig.intensity() == pytest.approx(100_000, rel=0.02)
     rig.shutter(True)
     assert firmware.shutter_open
@@ -321,12 +322,6 @@ def test_off_target_twice_is_an_error(rig: HidGoniometer, firmware: Firmware) ->
     with pytest.raises(OffTargetError, match="instead of"):
         rig.move(10_000, 0)
     assert moves(firmware) == 2
-
-
-def test_a_lamp_that_does_not_warm_up(rig: HidGoniometer) -> None:
-    rig.lamp(True)
-    with pytest.raises(RigError, match="not warm after 5 minutes"):
-        wait_warm(rig, 300)
 
 
 def test_release_line(rig: HidGoniometer, firmware: Firmware) -> None:

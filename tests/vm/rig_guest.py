@@ -30,7 +30,7 @@ from kinran.rig.errors import (
     RigError,
     RigTimeoutError,
 )
-from kinran.rig.goniometer import ALL_AXES, wait_warm
+from kinran.rig.goniometer import ALL_AXES
 from kinran.rig.hid_goniometer import HidGoniometer
 from kinran.rig.motion import AXES
 from kinran.rig.opening import RigSettings, open_goniometer
@@ -166,7 +166,8 @@ def check_driver(bench: Bench) -> None:
         error = raised(lambda: rig.move(95_000, 0), LimitError)
         bench.check("a pose outside the limits is not sent", error and bench.rig().moves == moves, error)
         rig.lamp(True)
-        bench.check("the lamp burns and becomes warm", wait_warm(rig, 5).has(Flag.LAMP_WARM) and bench.rig().lamp)
+        rig.wait(5.0)
+        bench.check("the lamp burns and becomes warm", rig.status().has(Flag.LAMP_WARM) and bench.rig().lamp)
         counts = rig.intensity()
         bench.check("the photodiode measures the lamp", 50_000 < counts < 150_000, counts)
         rig.shutter(True, 30)

@@ -13,8 +13,6 @@ from kinran.rig.protocol import Flag, State
 
 ALL_AXES = 0b1111
 """Mask of all axes, as in `State.homed`."""
-LAMP_POLL_S = 5.0
-"""Seconds between two looks at a lamp that warms up."""
 
 
 @dataclass(frozen=True)
@@ -139,24 +137,6 @@ def check_path(start: Pose, end: Pose) -> None:
             f"on the way from {_angles(start[:2])} to {_angles(end[:2])} the light arm meets the camera arm"
             f" at {_angles(pose[2:])}; plan another order"
         )
-
-
-def wait_warm(rig: Goniometer, limit_s: float = 3600) -> State:
-    """Wait until the lamp is warm.
-
-    Raises
-    ------
-    RigError
-        The lamp does not become warm in time, or the rig has a fault.
-    """
-    waited = 0.0
-    while not rig.state.has(Flag.LAMP_WARM):
-        if waited > limit_s:
-            raise RigError(f"the lamp is not warm after {limit_s / 60:g} minutes; check it")
-        rig.wait(LAMP_POLL_S)
-        waited += LAMP_POLL_S
-        check_fault(rig.status())
-    return rig.state
 
 
 def confirm_shutter(rig: Goniometer, is_open: bool) -> None:
