@@ -1,11 +1,15 @@
 """Settings of all tests."""
 
+import os
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
 ROOT = Path(__file__).parents[1]
+
+# results of one test are not those of another
+os.environ.pop("KINRAN_CACHE", None)
 
 # no timed tests, and the same examples in every run
 settings.register_profile("kinran", deadline=None, derandomize=True)

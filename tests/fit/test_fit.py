@@ -1,18 +1,20 @@
 """The stage `kinran fit`: a run that is stopped keeps its tiles, and what has no lobe is not fitted."""
 
+import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from cloth_on_disk import Cloth, directions, pictures
+from cloth_on_disk import Cloth, directions, no_prior, pictures
 from synthetic_texels import grid, radiance, texels
 
 from kinran.data.fabric import Fabric
 from kinran.data.radiance_stack import Box
-from kinran.fit import samples, slope
+from kinran.fit import fit, samples, slope
 from kinran.fit.samples import Samples
 
 SHAPE = (130, 70)
@@ -109,3 +111,68 @@ def test_a_fit_job_does_not_load_the_renderer() -> None:
     loaded = "import sys, kinran.fit.fit; print({'mitsuba', 'drjit', 'kinran_bsdf'} & sys.modules.keys())"
     done = subprocess.run([sys.executable, "-c", loaded], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
+
+
+@pytest.fixture
+def fitted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Texels of each tile that is fitted and not taken from the shared folder."""
+    shared, sizes, channels = tmp_path / "shared", [], fit._Job._channels
+
+    def counted(job: fit._Job, tile: Samples) -> dict[str, np.ndarray]:
+        sizes.append(len(tile))
+        return channels(job, tile)
+
+    shared.mkdir()
+    monkeypatch.setenv("KINRAN_CACHE", str(shared))
+    monkeypatch.setattr(fit._Job, "_channels", counted)
+    return sizes
+
+
+DIFFUSE = ("--model", "lambert")
+
+
+def test_tiles_that_someone_fitted_are_taken(cloth: Cloth, fitted: list[int]) -> None:
+    """In another folder, and divided among other jobs; with the same bytes, and what they took to fit."""
+    assert cloth.run("fit", "run.npz", *DIFFUSE) == 0
+    assert len(fitted) == TILES
+    mine = dict(np.load(cloth.folder / "run.npz"))
+    other = object.__new__(Cloth)
+    other.folder = cloth.folder.parent / "yours"
+    shutil.copytree(cloth.folder, other.folder, ignore=shutil.ignore_patterns("shared", "yours", "run.npz"))
+    assert other.run("fit", "run.npz", *DIFFUSE) == 0
+    for job in range(2):
+        assert other.run("fit", f"{job}.npz", *DIFFUSE, "--tile", f"{job}/2") == 0
+    assert len(fitted) == TILES
+    yours = dict(np.load(other.folder / "run.npz"))
+    assert yours.keys() == mine.keys()
+    for name in mine.keys() - {"peak_mb"}:
+        np.testing.assert_array_equal(yours[name], mine[name])
+    halves = [np.load(other.folder / f"{job}.npz") for job in range(2)]
+    np.testing.assert_array_equal(np.concatenate([half["diffuse.R"] for half in halves]), mine["diffuse.R"])
+
+
+def test_a_tile_of_other_samples_is_fitted(cloth: Cloth, fitted: list[int]) -> None:
+    """At the same path too; and all tiles in another way of fitting them."""
+    assert cloth.run("fit", "run.npz", *DIFFUSE) == 0
+    before = Fabric(cloth.folder)
+    seen, lights = before.stack.read_tile(0, SHAPE[0], 0, SHAPE[1]).value, list(before.stack.lights)
+    labels = before.labels.astype(np.intp)
+    seen[3, 129, 69, 1] *= 1.01
+    cloth = Cloth(cloth.folder, seen, lights, labels)
+    assert cloth.run("fit", "run.npz", *DIFFUSE) == 0
+    assert fitted[TILES:] == [2 * 6]  # the tile at the corner
+    labels[0, 0] = 1
+    cloth = Cloth(cloth.folder, seen, lights, labels)
+    assert cloth.run("fit", "run.npz", *DIFFUSE) == 0
+    assert fitted[TILES + 1 :] == [64 * 64]
+    priors = cloth.folder / "priors.json"
+    no_prior(priors, 7, 2)
+    for way in (("--fitted", 0), ("--prior", priors)):
+        fitted.clear()
+        assert cloth.run("fit", "run.npz", *DIFFUSE, *way) == 0
+        assert len(fitted) >= TILES
+    lights[5] = replace(lights[5], held_out=True)
+    cloth = Cloth(cloth.folder, seen, lights, labels)
+    fitted.clear()
+    assert cloth.run("fit", "run.npz", *DIFFUSE) == 0
+    assert len(fitted) == TILES

@@ -1,6 +1,9 @@
 """Photographs: decoded, never scaled; their sizes; what is held out."""
 
+import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -116,3 +119,33 @@ def test_a_shard_that_changed_since_its_merge_is_refused(folder: Path) -> None:
     shard.unlink()
     with pytest.raises(InputError, match=r"radiance/c/1/0/0/0: is missing"):
         stack_stage.main(inputs, stack)
+
+
+def test_another_set_at_the_same_path_is_not_taken_for_the_first(
+    folder: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where photographs are known by their path alone, the second set would get the radiance of the first."""
+    monkeypatch.setenv("KINRAN_CACHE", str(tmp_path_factory.mktemp("shared")))
+    monkeypatch.setattr(merge_group, "merge_shot", counted := Counted(merge_group.merge_shot))
+    before = run(folder, "linear").read_tile(0, 12, 0, 20).value
+    shutil.rmtree(folder / "radiance.zarr")
+    again = run(folder, "linear").read_tile(0, 12, 0, 20).value
+    assert counted.calls == COUNT
+    np.testing.assert_array_equal(again, before)
+    picture = np.array(Image.open(folder / "p03.png"))
+    picture[5, 5] += 1
+    Image.fromarray(picture).save(folder / "p03.png")
+    after = run(folder, "linear").read_tile(0, 12, 0, 20).value
+    assert counted.calls == 2 * COUNT
+    assert np.argwhere((after != before).any(-1)).tolist() == [[3, 6, 5]]
+
+
+class Counted:
+    """A function whose calls are counted."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.function, self.calls = function, 0
+
+    def __call__(self, *args: Any) -> Any:
+        self.calls += 1
+        return self.function(*args)

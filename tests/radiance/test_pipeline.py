@@ -4,22 +4,25 @@ import errno
 import json
 import os
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from known_scene import SCENE, Capture, radiance
 
 from kinran.__main__ import main
-from kinran.base.files import InputError, sha256
+from kinran.base.files import InputError, sha256, write_json
 from kinran.bracket.noise import sigma
 from kinran.bracket.shots import read_bracket, read_manifest
 from kinran.bracket.superpixels import merge_bracket
 from kinran.calibrate import calibrate, colour_chart
 from kinran.capture.grid import plan_grid
-from kinran.data.calibration import Calibration, read_calibration
+from kinran.data.calibration import Calibration, read_calibration, write_calibration
+from kinran.data.capture_plan import write_plan
 from kinran.data.hold_out_rule import held_out
 from kinran.data.radiance import DARK, HOT, SATURATED, SHIFTED, Radiance
 from kinran.data.radiance_stack import Stack
@@ -249,6 +252,69 @@ def test_merging_twice_gives_the_same_bytes(capture: Capture, stack: Stack) -> N
     for name in ("radiance", "flags"):
         one, two = (shard_path(capture.folder / z, name, 0).read_bytes() for z in ("radiance.zarr", "again.zarr"))
         assert one == two
+
+
+@pytest.fixture
+def shared(capture: Capture, calibration: Calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Folder of a fabric of another name and with another chart, of which someone merged the frames; it has none."""
+    folder = tmp_path / "other"
+    (folder / "groups").mkdir(parents=True)
+    monkeypatch.setenv("KINRAN_CACHE", str(tmp_path))
+    run_merge(capture, "00", "shared.zarr")
+    plan = replace(capture.plan, fabric="other")
+    write_plan(folder / "plan.json", plan)
+    manifest = json.loads(capture.manifest("00").read_text()) | {"plan_sha256": plan.sha256}
+    write_json(folder / "groups" / "00.json", manifest)
+    named = replace(calibration, fabric="other", plan_sha256=plan.sha256, lamp="A", delta_e=())
+    write_calibration(folder / "calibration.json", named)
+    return folder
+
+
+def other(folder: Path, capture: Capture) -> Capture:
+    return Capture(folder, replace(capture.plan, fabric="other"), folder / "plan.json", [folder / "groups" / "00.json"])
+
+
+def test_a_merge_is_shared(capture: Capture, shared: Path) -> None:
+    """Shards and receipt are those of a merge of one's own, where there is no frame to merge."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("KINRAN_CACHE")
+        run_merge(capture, "00", "own.zarr")
+    own = json.loads((capture.folder / "00.json").read_text())
+    run_merge(other(shared, capture), "00")
+    taken = json.loads((shared / "00.json").read_text())
+    assert list(taken.items()) == list((own | {"fabric": "other"}).items())
+    for name in own["sha256"]:
+        assert (shared / "radiance.zarr" / name).read_bytes() == (capture.folder / "own.zarr" / name).read_bytes()
+
+
+def flip(shot: dict[str, list[dict[str, str]]]) -> None:
+    digest = shot["frames"][1]["sha256"]
+    shot["frames"][1]["sha256"] = ("1" if digest[0] == "0" else "0") + digest[1:]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        flip,
+        lambda shot: shot["frames"][1].update(exposure_s=0.011),
+        lambda shot: shot["frames"][1].update(file="frames/x.png"),
+        lambda shot: shot.update(photodiode=1e5),
+        lambda shot: shot.update(time_s=1.0),
+        None,
+    ],
+)
+def test_another_merge_is_not_taken(capture: Capture, shared: Path, change: Callable[[Any], None] | None) -> None:
+    """Of another frame, exposure or lamp, or with another calibration: it is merged, for which it has no frames."""
+    if change:
+        edit(shared / "groups" / "00.json", "t40_p000", change)
+    else:
+        found = read_calibration(shared / "calibration.json")
+        assert found.camera
+        write_calibration(
+            shared / "calibration.json", replace(found, camera=replace(found.camera, glare=found.camera.glare + 1e-9))
+        )
+    with pytest.raises(InputError, match=r"no such file|no file of the kind"):
+        run_merge(other(shared, capture), "00")
 
 
 def test_repeats_of_a_light_are_averaged_one_by_one() -> None:

@@ -124,3 +124,27 @@ def test_fabrics_differ_by_motif_and_threads() -> None:
     assert all(silk["gold"] == silks[0]["gold"] for silk in silks)
     colours = [tuple(silk["red"]["base_color"]["value"]) for silk in silks]
     assert [int(np.argmax(colour)) for colour in colours] == [0, 2, 1]
+
+
+def test_pictures_are_shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By scene and pose: another working folder has them without a path tracer, and another scene has not."""
+    traced: list[VirtualFabric] = []
+
+    def trace(fabric: VirtualFabric, light: np.ndarray) -> np.ndarray:
+        traced.append(fabric)
+        return np.full((16, 16, 3), light[0] + fabric.seed, np.float32)
+
+    monkeypatch.setattr(VirtualFabric, "trace", trace)
+    monkeypatch.setenv("KINRAN_CACHE", str(tmp_path))
+    fabric = VirtualFabric(texels=16)
+    pictures = [fabric.frame(30_000, phi, tmp_path / "mine") for phi in (0, 90_000, 0)]
+    assert len(traced) == 2
+    for phi, picture in zip((0, 90_000), pictures, strict=False):
+        np.testing.assert_array_equal(fabric.frame(30_000, phi, tmp_path / "yours"), picture)
+    assert len(traced) == 2
+    for other in (VirtualFabric(texels=16, seed=8), VirtualFabric(texels=16, threads="moss")):
+        other.frame(30_000, 0, tmp_path / "yours")
+        assert traced[-1] == other
+    monkeypatch.setattr("drjit.detail.llvm_version", lambda: (99, 0, 0))
+    fabric.frame(30_000, 0, tmp_path / "elsewhere")
+    assert traced[-1] == fabric

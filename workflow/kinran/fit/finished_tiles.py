@@ -44,23 +44,24 @@ class Finished:
     def has(self, box: Box) -> bool:
         """Whether a tile is finished and its file is whole."""
         try:
-            read_npz(self._path(box))
+            read_npz(self.path(box))
         except InputError:
             return False
         return True
 
     def keep(self, box: Box, arrays: Arrays) -> None:
         """Keep the arrays of a tile."""
-        with atomic(self._path(box)) as temporary, temporary.open("wb") as file:
+        with atomic(self.path(box)) as temporary, temporary.open("wb") as file:
             np.savez(file, allow_pickle=False, **arrays)
 
     def read(self, box: Box) -> Arrays:
         """Arrays of a finished tile."""
-        return read_npz(self._path(box))
+        return read_npz(self.path(box))
 
     def clear(self) -> None:
         """Remove all tiles, once the result is written."""
         shutil.rmtree(self.folder.parent, ignore_errors=True)
 
-    def _path(self, box: Box) -> Path:
+    def path(self, box: Box) -> Path:
+        """File of a tile."""
         return self.folder / f"{box[0]}_{box[2]}.npz"

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from kinran.base.digest import digest
 from kinran.base.files import InputError, atomic
 from kinran.base.log import progress
+from kinran.base.shared_results import made
 from kinran.data.fabric import Fabric
 from kinran.data.lights import half_steps
 from kinran.data.radiance_stack import Box
@@ -70,7 +71,7 @@ def main(
     job.warm_up()
     for box in progress(boxes, options.model, "tiles"):
         if not finished.has(box):
-            finished.keep(box, job.fit(box))
+            job.finish(box, finished)
     _write(out, kind(job.model, job.lobes), [finished.read(box) for box in boxes], boxes)
     finished.clear()
 
@@ -103,16 +104,29 @@ class _Job:
         files = [path for path in (self.fabric.labels_path, inputs.prior) if path]
         return content_key([digest("kinran.fit.fit"), *words], files, self.fabric.stack_path)
 
-    def fit(self, box: Box) -> Channels:
-        """Channels (texel,) of a tile in single precision, and the CPU seconds that they took."""
+    def finish(self, box: Box, finished: Finished) -> None:
+        """Fit a tile and keep its channels; or take them from where someone fitted the same samples."""
         start = time.process_time()
         tile = samples.read_samples(self.fabric, box)
         if self.priors and (self.priors.lights < 1).any():
             tile = tile.weighed(self.priors.lights)
         reading = time.process_time() - start
+        follows = (tile, self.model, self.lobes, self.lobed, self.priors, self.fabric.stack.lights)
+        files = {"tile.npz": finished.path(box)}
+        made(
+            f"tiles of {kind(self.model, self.lobes)}",
+            "kinran.fit.fit",
+            follows,
+            files,
+            lambda: finished.keep(box, self._fit(tile, reading)),
+        )
+
+    def _fit(self, tile: Samples, reading: float) -> Channels:
+        """Channels (texel,) of a tile in single precision, and the CPU seconds that they and their reading took."""
+        start = time.process_time()
         part = self._channels(tile)
         part["fit.valid"] = ((tile.W > 0).sum(1) >= LEAST_SAMPLES).astype(float)
-        fitting = time.process_time() - start - reading
+        fitting = time.process_time() - start
         costs = {"cpu_seconds": np.array(fitting), "read_seconds": np.array(reading)}
         return {**costs, **{name: values.astype(np.float32) for name, values in part.items()}}
 

@@ -5,24 +5,25 @@ RAW brackets are merged per sensor site before any demosaic, scaled so that a wh
 """
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
 from kinran.base.distances import relative_light
 from kinran.base.files import InputError, sha256, write_json
 from kinran.base.log import progress
+from kinran.base.shared_results import made
 from kinran.bracket.shots import Taken, read_bracket, read_light, read_manifest, read_shot
 from kinran.bracket.superpixels import merge_bracket
 from kinran.calibrate.lamp import lamp_gains, level
 from kinran.calibrate.radiometry import to_radiance
 from kinran.data.calibration import Calibration, read_calibration
-from kinran.data.capture_plan import Plan, read_plan
+from kinran.data.capture_plan import Plan, PlanLight, read_plan
 from kinran.data.radiance import SATURATED, Radiance
 from kinran.data.radiance_stack import ShardWriter
-from kinran.data.shards import SHARD, group_shards
+from kinran.data.shards import NAMES, SHARD, group_shards, shard_path
 
 log = logging.getLogger(__name__)
 
@@ -53,31 +54,91 @@ def main(inputs: Inputs, out: Outputs) -> None:
     wanted = [index for index in lights if index // SHARD in shards]
     if missing := [plan.lights[index].name for index in wanted if index not in by_light]:
         raise InputError(f"{inputs.manifest}: has no shot of light '{missing[0]}'; capture the group again")
-    gains = measure_gains(shots, calibration, inputs.manifest) if plan.on_rig else distance_gains(shots, plan)
+    used = [plan.lights[index] for index in wanted]
+    gains = None if plan.on_rig else distance_gains(shots, plan)
+    seen = without_colours(calibration)
+
+    def merge() -> dict[str, Any]:
+        merged = merge_lights(inputs.manifest, shots, used, seen, gains, out.stack)
+        log.info("group %s: %d lights merged", group, len(used))
+        return merged
+
+    if all(frame.sha256 for shot in shots for frame in shot.frames):
+        paths = (shard_path(out.stack, name, shard) for shard in shards for name in NAMES)
+        files = {path.relative_to(out.stack).as_posix(): path for path in paths}
+        follows = (contents(shots), used, seen, gains)
+        merged = made(f"group {group}", "kinran.radiance.merge_group", follows, files, merge)
+    else:
+        merged = merge()
+    if out.receipt:
+        receipt = {"fabric": plan.fabric, "group": group, "shards": shards, "lights": len(used)}
+        write_json(out.receipt, receipt | merged)
+
+
+def without_colours(calibration: Calibration) -> Calibration:
+    """Return what a merge needs of a calibration: neither names nor colours, so that another chart changes no merge."""
+    names: dict[str, Any] = {"fabric": "", "plan_sha256": "", "colour": "", "lamp": ""}
+    colours: dict[str, Any] = {"to_acescg": (), "delta_e": (), "patches": (), "root_polynomial": None, "chart": ()}
+    return replace(calibration, **names, **colours)
+
+
+def contents(shots: list[Taken]) -> list[Any]:
+    """Return what a merge follows from of shots: not the names of their files, but what is in them."""
+    return [
+        (
+            *(shot.shot, shot.kind, shot.light, shot.time_s, shot.photodiode),
+            [(frame.path.suffix, frame.nominal_s, frame.sha256) for frame in shot.frames],
+        )
+        for shot in shots
+    ]
+
+
+def merge_lights(
+    manifest: Path,
+    shots: list[Taken],
+    lights: list[PlanLight],
+    calibration: Calibration,
+    gains: dict[str, float] | None,
+    stack: Path,
+) -> dict[str, Any]:
+    """Write the shards of lights, which are whole shards in their order.
+
+    Parameters
+    ----------
+    manifest
+        Manifest of the group, to name in messages.
+    shots
+        Shots of the group.
+    lights
+        Lights that have shots among them.
+    calibration
+        Calibration of the capture.
+    gains
+        Relative light of the lamp at each shot, by name; None to measure it (`measure_gains`).
+    stack
+        Folder of the stack.
+
+    Returns
+    -------
+    dict
+        SHA-256 of the shards, share of saturated samples, and relative light of the lamp, for the receipt.
+    """
+    by_light = {shot.light: shot for shot in shots if shot.kind == "light"}
+    gains = measure_gains(shots, calibration, manifest) if gains is None else gains
     saturated, samples = 0, 0
     digests: dict[str, str] = {}
-    for shard in progress(shards, f"group {group}", "shards"):
-        with ShardWriter(out.stack, calibration.height, calibration.width) as writer:
-            for light in (plan.lights[index] for index in wanted if index // SHARD == shard):
+    shards = sorted({light.index // SHARD for light in lights})
+    for shard in progress(shards, f"group {manifest.stem}", "shards"):
+        with ShardWriter(stack, calibration.height, calibration.width) as writer:
+            for light in (light for light in lights if light.index // SHARD == shard):
                 picture = merge_shot(by_light[light.index], calibration, gains, light.theta, light.phi)
                 writer.add(picture)
                 saturated += int(np.count_nonzero(picture.has(SATURATED)))
                 samples += picture.flags.size
                 del picture  # before the next light's frames are read
             written = writer.write(shard * SHARD)
-        digests |= {path.relative_to(out.stack).as_posix(): sha256(path) for path in written}
-    log.info("group %s: %d lights merged", group, len(wanted))
-    if out.receipt:
-        receipt = {
-            "fabric": plan.fabric,
-            "group": group,
-            "shards": shards,
-            "sha256": digests,
-            "lights": len(wanted),
-            "saturated": saturated / max(samples, 1),
-            "lamp": gains,
-        }
-        write_json(out.receipt, receipt)
+        digests |= {path.relative_to(stack).as_posix(): sha256(path) for path in written}
+    return {"sha256": digests, "saturated": saturated / max(samples, 1), "lamp": gains}
 
 
 def distance_gains(shots: list[Taken], plan: Plan) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from kinran.base.digest import digest
 from kinran.base.files import atomic
 from kinran.base.frames import direction
+from kinran.base.shared_results import made
 from kinran.virtual import yarn
 
 Image = NDArray[np.float32]
@@ -96,13 +98,20 @@ class VirtualFabric:
         """Return `trace` of a pose in millidegrees, from the folder `cache` where it was traced before."""
         pose = (theta_mdeg, phi_mdeg % 360_000 if theta_mdeg else 0)
         path = cache / self.digest() / f"{pose[0]}_{pose[1]}.npy"
-        try:
+        with suppress(OSError, ValueError, EOFError):  # not yet there, or cut off
             return np.asarray(np.load(path, allow_pickle=False), np.float32)
-        except (OSError, ValueError, EOFError):  # not yet there, or cut off
+
+        def write() -> None:
             image = self.trace(direction(*np.radians(np.array(pose) / 1000)))
-        with atomic(path) as temporary, temporary.open("wb") as file:
-            np.save(file, image)
-        return image
+            with atomic(path) as temporary, temporary.open("wb") as file:
+                np.save(file, image)
+
+        import drjit
+
+        compiler = drjit.detail.llvm_version()  # the system's, which no lock file has
+        follows = (self, pose, compiler)
+        made("pictures of the virtual fabric", "kinran.virtual.weave", follows, {"picture.npy": path}, write)
+        return np.asarray(np.load(path, allow_pickle=False), np.float32)
 
     def labels(self) -> tuple[NDArray[np.uint8], Image]:
         """Return the true label map: the material that most of 6 × 6 rays through a texel meet first.
