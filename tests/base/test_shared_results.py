@@ -224,15 +224,17 @@ def test_an_output_folder_in_trouble_damages_no_entry(folder: Path, tmp_path: Pa
     assert not use(tmp_path / "c")
 
 
-def test_a_group_can_share(folder: Path, tmp_path: Path) -> None:
-    """Entries have the rights that the mask of the user leaves, and the mode of no temporary file."""
-    before = os.umask(0o027)
+@pytest.mark.parametrize(("of_folder", "of_entry"), [(0o770, 0o660), (0o755, 0o644), (0o700, 0o600)])
+def test_the_folder_says_who_shares(folder: Path, tmp_path: Path, of_folder: int, of_entry: int) -> None:
+    """By the umask of many clusters none but its writer could read an entry, or say that it is in use."""
+    folder.chmod(of_folder)
+    before = os.umask(0o077)
     try:
         use(tmp_path / "a")
     finally:
         os.umask(before)
     (entry,) = folder.iterdir()
-    assert entry.stat().st_mode & 0o777 == 0o640
+    assert entry.stat().st_mode & 0o777 == of_entry
 
 
 def test_what_is_in_use_is_not_pruned(folder: Path, tmp_path: Path) -> None:

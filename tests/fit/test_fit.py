@@ -167,11 +167,11 @@ def test_a_tile_of_other_samples_is_fitted(cloth: Cloth, fitted: list[int]) -> N
     assert fitted[TILES + 1 :] == [64 * 64]
     priors = cloth.folder / "priors.json"
     no_prior(priors, 7, 2)
-    for way in (("--fitted", 0), ("--prior", priors)):
+    for way in (("--fitted", 0), ("--prior", priors), ("--tail", "gaussian"), ("--model", "takeda2008")):
         fitted.clear()
         assert cloth.run("fit", "run.npz", *DIFFUSE, *way) == 0
-        assert len(fitted) >= TILES
-    lights[5] = replace(lights[5], held_out=True)
+        assert len(fitted) >= TILES, way
+    lights[5] = replace(lights[5], grid=(1, 2))
     cloth = Cloth(cloth.folder, seen, lights, labels)
     fitted.clear()
     assert cloth.run("fit", "run.npz", *DIFFUSE) == 0

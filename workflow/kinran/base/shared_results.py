@@ -38,6 +38,8 @@ VARIABLE = "KINRAN_CACHE"
 """Variable that names the folder. It is no setting of a run, since it changes no result."""
 INDEX = "index.json"
 """Part of an entry that has the value of the function, and the digests of the other parts."""
+READ_AND_WRITE = 0o666
+"""Rights that an entry takes from its folder: who may write there may say that it is in use, whatever the umask was."""
 PIECE = 1 << 20
 """Bytes that are copied at a time. A choice."""
 
@@ -84,8 +86,6 @@ def made(what: str, code: str, follows: Any, files: Mapping[str, Path], make: Ca
         pass
     except _DamagedError as error:
         log.warning("%s: is damaged (%s); it is made anew", entry, error)
-        with suppress(OSError):  # someone else's; a new one takes its place if it may
-            entry.unlink()
     except PermissionError as error:
         _say_once(logging.WARNING, f"{folder}: cannot be read ({error.strerror}); what is there is made again")
     else:
@@ -156,7 +156,7 @@ def _bytes(value: Any) -> Iterator[bytes | memoryview]:
 def _folder() -> Path | None:
     """Return the shared folder; None where there is none."""
     folder = os.environ.get(VARIABLE)
-    if folder and not Path(folder).is_dir():
+    if folder and not os.path.isdir(folder):  # noqa: PTH112 (which raises where it may not look)
         _say_once(logging.WARNING, f"{VARIABLE}={folder}: is no folder; make it, and results are shared there")
         return None
     return Path(folder) if folder else None
@@ -212,6 +212,7 @@ def _keep(entry: Path, files: Mapping[str, Path], value: Any) -> None:
             for name, path in files.items():
                 archive.write(path, name)
             archive.writestr(INDEX, json.dumps(index, allow_nan=False))
+        temporary.chmod(entry.parent.stat().st_mode & READ_AND_WRITE)
         temporary.replace(entry)
     except OSError as error:
         _say_once(logging.WARNING, f"{entry.parent}: cannot be written to ({error.strerror}); nothing new is shared")
