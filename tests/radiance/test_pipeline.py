@@ -363,6 +363,19 @@ def test_a_truncated_frame(broken: Capture) -> None:
     assert not list((broken.folder / "radiance.zarr").iterdir())  # no half shard, and no scratch
 
 
+def test_frames_of_unknown_content_are_not_shared(
+    broken: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    monkeypatch.setenv("KINRAN_CACHE", str(shared))
+    run_merge(broken, "00")
+    assert len(list(shared.iterdir())) == 1
+    edit(broken.manifest("00"), "t40_p000", lambda entry: [each.pop("sha256") for each in entry["frames"]])
+    run_merge(broken, "00")
+    assert len(list(shared.iterdir())) == 1
+
+
 @pytest.mark.parametrize("name", ["t40_p000_250", "white_1000", "dark_25"])
 def test_a_flipped_bit_of_a_frame(broken: Capture, name: str) -> None:
     """It decodes, as another picture: only its digest tells."""
