@@ -71,8 +71,16 @@ def main(inputs: Inputs, out: Outputs) -> None:
     else:
         merged = merge()
     if out.receipt:
-        receipt = {"fabric": plan.fabric, "group": group, "shards": shards, "lights": len(used)}
-        write_json(out.receipt, receipt | merged)
+        receipt = {
+            "fabric": plan.fabric,
+            "group": group,
+            "shards": shards,
+            "sha256": merged["sha256"],
+            "lights": len(used),
+            "saturated": merged["saturated"],
+            "lamp": merged["lamp"],
+        }
+        write_json(out.receipt, receipt)
 
 
 def without_colours(calibration: Calibration) -> Calibration:
