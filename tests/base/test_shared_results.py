@@ -44,7 +44,7 @@ def use(to: Path, follows: Any = 1, while_made: Callable[[], object] = lambda: N
             (to / name).write_bytes(content)
         return VALUE
 
-    assert made("a result", CODE, follows, {name: to / name for name in PARTS}, make) == VALUE
+    assert made("a result", CODE, lambda: follows, {name: to / name for name in PARTS}, make) == VALUE
     assert {name: (to / name).read_bytes() for name in PARTS} == PARTS
     assert {path.name for path in to.iterdir()} == {"whole", "other"}
     return bool(calls)
@@ -178,7 +178,7 @@ from pathlib import Path
 from kinran.base.shared_results import made
 path = Path(sys.argv[1])
 zipfile.ZipFile.writestr = lambda *part: os._exit(9)
-made("a result", "kinran.base.frames", 1, {"other": path}, lambda: path.write_bytes(b"half") and None)
+made("a result", "kinran.base.frames", lambda: 1, {"other": path}, lambda: path.write_bytes(b"half") and None)
 """
 
 
@@ -221,7 +221,7 @@ def test_an_output_folder_in_trouble_damages_no_entry(folder: Path, tmp_path: Pa
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "other").mkdir()
     with pytest.raises(IsADirectoryError):
-        made("a result", CODE, 1, {"other": tmp_path / "b" / "other"}, lambda: VALUE)
+        made("a result", CODE, lambda: 1, {"other": tmp_path / "b" / "other"}, lambda: VALUE)
     assert not use(tmp_path / "c")
 
 

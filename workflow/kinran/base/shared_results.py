@@ -50,7 +50,7 @@ class _DamagedError(Exception):
     """An entry is not what was written."""
 
 
-def made(what: str, code: str, follows: Any, files: Mapping[str, Path], make: Callable[[], T]) -> T:
+def made(what: str, code: str, follows: Callable[[], Any], files: Mapping[str, Path], make: Callable[[], T]) -> T:
     """Put files in place from the shared folder; where it does not have them, make them, and share them.
 
     Parameters
@@ -60,7 +60,8 @@ def made(what: str, code: str, follows: Any, files: Mapping[str, Path], make: Ca
     code
         Module whose code makes it (`kinran.base.digest`).
     follows
-        All else that it follows from, as `key` takes it: contents, not names of files.
+        Function that returns all else that it follows from, as `key` takes it: contents, not names of files. It is not
+        called where nothing is shared.
     files
         Files that `make` writes, by their names in the entry.
     make
@@ -79,7 +80,7 @@ def made(what: str, code: str, follows: Any, files: Mapping[str, Path], make: Ca
     folder = _folder()
     if folder is None:
         return make()
-    entry = folder / f"{code.rpartition('.')[2]}-{key(code, follows)}.zip"
+    entry = folder / f"{code.rpartition('.')[2]}-{key(code, follows())}.zip"
     try:
         value: T = _take(entry, files)
     except FileNotFoundError:

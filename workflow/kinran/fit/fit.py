@@ -4,6 +4,7 @@ import resource
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran.base.digest import digest
-from kinran.base.files import InputError, atomic
+from kinran.base.files import InputError, atomic, sha256
 from kinran.base.log import progress
 from kinran.base.shared_results import made
 from kinran.data.fabric import Fabric
@@ -105,28 +106,32 @@ class _Job:
         return content_key([digest("kinran.fit.fit"), *words], files, self.fabric.stack_path)
 
     def finish(self, box: Box, finished: Finished) -> None:
-        """Fit a tile and keep its channels; or take them from where someone fitted the same samples."""
+        """Fit a tile and keep its channels; or take them from where someone fitted it."""
+        made(
+            f"tiles of {kind(self.model, self.lobes)}",
+            "kinran.fit.fit",
+            lambda: (self.contents, box, self.model, self.lobes, self.lobed, self.priors),
+            {"tile.npz": finished.path(box)},
+            lambda: finished.keep(box, self.fit(box)),
+        )
+
+    @cached_property
+    def contents(self) -> list[tuple[str, str]]:
+        """Names and SHA-256 of the files of the stack, and of the label map."""
+        stack = self.fabric.stack_path
+        files = sorted(path for path in stack.rglob("*") if path.is_file())
+        return [(str(path.relative_to(self.fabric.folder)), sha256(path)) for path in [*files, self.fabric.labels_path]]
+
+    def fit(self, box: Box) -> Channels:
+        """Channels (texel,) of a tile in single precision, and the CPU seconds that they took."""
         start = time.process_time()
         tile = samples.read_samples(self.fabric, box)
         if self.priors and (self.priors.lights < 1).any():
             tile = tile.weighed(self.priors.lights)
         reading = time.process_time() - start
-        follows = (tile, self.model, self.lobes, self.lobed, self.priors, self.fabric.stack.lights)
-        files = {"tile.npz": finished.path(box)}
-        made(
-            f"tiles of {kind(self.model, self.lobes)}",
-            "kinran.fit.fit",
-            follows,
-            files,
-            lambda: finished.keep(box, self._fit(tile, reading)),
-        )
-
-    def _fit(self, tile: Samples, reading: float) -> Channels:
-        """Channels (texel,) of a tile in single precision, and the CPU seconds that they and their reading took."""
-        start = time.process_time()
         part = self._channels(tile)
         part["fit.valid"] = ((tile.W > 0).sum(1) >= LEAST_SAMPLES).astype(float)
-        fitting = time.process_time() - start
+        fitting = time.process_time() - start - reading
         costs = {"cpu_seconds": np.array(fitting), "read_seconds": np.array(reading)}
         return {**costs, **{name: values.astype(np.float32) for name, values in part.items()}}
 

@@ -66,8 +66,13 @@ def main(inputs: Inputs, out: Outputs) -> None:
     if all(frame.sha256 for shot in shots for frame in shot.frames):
         paths = (shard_path(out.stack, name, shard) for shard in shards for name in NAMES)
         files = {path.relative_to(out.stack).as_posix(): path for path in paths}
-        follows = (contents(shots), used, seen, gains)
-        merged = made(f"group {group}", "kinran.radiance.merge_group", follows, files, merge)
+        merged = made(
+            f"group {group}",
+            "kinran.radiance.merge_group",
+            lambda: (contents(shots), used, seen, gains),
+            files,
+            merge,
+        )
     else:
         merged = merge()
     if out.receipt:

@@ -106,10 +106,11 @@ class VirtualFabric:
             with atomic(path) as temporary, temporary.open("wb") as file:
                 np.save(file, image)
 
-        import drjit
+        def follows() -> Any:
+            import drjit
 
-        compiler = drjit.detail.llvm_version()  # the system's, which no lock file has
-        follows = (self, pose, compiler)
+            return self, pose, drjit.detail.llvm_version()  # the compiler is the system's, which no lock file has
+
         made("pictures of the virtual fabric", "kinran.virtual.weave", follows, {"picture.npy": path}, write)
         return np.asarray(np.load(path, allow_pickle=False), np.float32)
 
