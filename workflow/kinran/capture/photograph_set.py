@@ -12,7 +12,7 @@ from kinran.data import photographs
 from kinran.data.hold_out_rule import held_out
 from kinran.data.lights import LpLight, lp_file, read_lp
 from kinran.data.nominal_time import nominal_seconds
-from kinran.data.raw import is_raw
+from kinran.data.picture_kind import is_raw
 
 UNIT = 0.02
 """Difference of a vector's length from 1 above which it may be a position: a direction that is rounded to two decimals

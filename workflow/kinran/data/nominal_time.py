@@ -5,7 +5,8 @@ from pathlib import Path
 
 from PIL import Image as Pillow
 
-from kinran.data.raw import is_raw
+from kinran.data.picture_kind import is_raw
+from kinran.data.raw import raw_seconds
 
 EXIF, TIME = 0x8769, 0x829A
 """Tags of EXIF: the directory of the exposure, and ExposureTime in it."""
@@ -21,23 +22,13 @@ def nominal_seconds(path: Path) -> float:
 def exif_seconds(path: Path) -> float:
     """Return the nominal exposure time in seconds of a file's EXIF; 0 where it has none."""
     if is_raw(path):
-        return _raw(path)
+        return raw_seconds(path)
     try:
         with Pillow.open(path) as image:
             tags = image.getexif()
             value = tags.get_ifd(EXIF).get(TIME, tags.get(TIME, 0))
             return max(float(value or 0), 0.0)
     except (OSError, SyntaxError, ValueError, TypeError, ZeroDivisionError):
-        return 0.0
-
-
-def _raw(path: Path) -> float:
-    import rawpy
-
-    try:
-        with rawpy.imread(str(path)) as raw:
-            return float(raw.other.shutter_speed)
-    except rawpy.LibRawError:
         return 0.0
 
 
