@@ -13,7 +13,8 @@ from kinran.base.files import InputError
 from kinran.capture import ingest, ingest_group
 from kinran.capture.photograph_set import Known, inspect
 from kinran.data.calibration import read_calibration
-from kinran.data.lights import LpLight, write_lp
+from kinran.data.light_files import write_lp
+from kinran.data.lights import LpLight
 from kinran.data.radiance import SATURATED
 from kinran.data.radiance_stack import Stack
 
@@ -57,7 +58,7 @@ def run(folder: Path, encoding: str = "srgb", crop: str = "") -> Stack:
     plan, manifest = folder / "captures/set/plan.json", folder / "captures/set/groups/00.json"
     options = ingest.Options(encoding=encoding, crop=crop, fabric="set", holdout=4)
     ingest.main(ingest.Inputs(folder), plan, options)
-    ingest_group.main(ingest_group.Inputs(folder, plan), manifest, "00")
+    ingest_group.main(ingest_group.Inputs(folder, plan), manifest, ingest_group.Options(group="00"))
     return make_stack(folder, plan, manifest)
 
 

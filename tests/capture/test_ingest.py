@@ -71,11 +71,6 @@ def break_zero(folder: Path) -> None:
     lp.write_text("\n".join(lines))
 
 
-def break_horizon(folder: Path) -> None:
-    lp = folder / "dirs.lp"
-    lp.write_text(lp.read_text().replace("0.8660254", "-0.8660254", 1))
-
-
 def break_twice(folder: Path) -> None:
     lp = folder / "dirs.lp"
     lp.write_text(lp.read_text().replace("img 02.png", "img 01.png", 1))
@@ -91,7 +86,6 @@ def break_twice(folder: Path) -> None:
         (break_two_lp, [], "keep one .lp file"),
         (break_no_lp, [], "has no .lp file"),
         (break_zero, [], "line 4 (img 02.png) has the light vector 0.0 0.0 0.0"),
-        (break_horizon, [], "under the horizon"),
         (break_twice, [], "names 'img 01' again"),
         (None, ["--crop", "5,5,20,20"], "too small for the crop 5,5,20,20"),
         (None, ["--crop", "1,2,3"], "crop '1,2,3': give X,Y,W,H"),

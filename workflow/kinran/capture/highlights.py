@@ -20,7 +20,8 @@ from kinran.base.encoding import parse
 from kinran.base.files import InputError
 from kinran.base.log import progress
 from kinran.data import photographs
-from kinran.data.lights import LpLight, write_lp
+from kinran.data.light_files import write_lp
+from kinran.data.lights import LpLight
 from kinran.data.picture_kind import is_raw
 
 log = logging.getLogger(__name__)

@@ -10,7 +10,8 @@ from kinran.base.files import InputError
 from kinran.base.log import progress
 from kinran.data import photographs
 from kinran.data.hold_out_rule import held_out
-from kinran.data.lights import LpLight, lp_file, read_lp
+from kinran.data.light_files import LightFile, find_lights
+from kinran.data.lights import LpLight
 from kinran.data.nominal_time import nominal_seconds
 from kinran.data.picture_kind import is_raw
 
@@ -21,7 +22,7 @@ differs by 0.009 at most."""
 
 @dataclass(frozen=True)
 class Known:
-    """Encoding, crop and distances that a user states for a set of photographs."""
+    """Encoding, crop, distances and file of lights that a user states for a set of photographs."""
 
     encoding: Annotated[str, "srgb (default), linear or gamma:EXPONENT"] = "srgb"
     crop: Annotated[str, "--crop X,Y,W,H", "part to use, from the top left"] = ""
@@ -35,6 +36,11 @@ class Known:
         float | None,
         "--camera-mm MM",
         "from the fabric to the lens; without it, seen along the normal everywhere",
+    ] = None
+    lp: Annotated[
+        Path | None,
+        "--lp FILE",
+        "lights, where no .lp lies beside the photographs; +x is right, +y up, +z to the camera",
     ] = None
 
     @property
@@ -66,11 +72,14 @@ class PhotographSet:
         Width and height of a whole photograph in pixels.
     exposures_s
         Nominal exposure times of the brackets in seconds, longest first; 1 for single photographs.
+    remarks
+        Sentences on what was taken in a way that no file states.
     """
 
     lights: list[LpLight]
     size: tuple[int, int] = (1, 1)
     exposures_s: tuple[float, ...] = (1.0,)
+    remarks: tuple[str, ...] = ()
 
 
 def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
@@ -79,7 +88,7 @@ def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
     Parameters
     ----------
     folder
-        Folder of the photographs and their `.lp` file.
+        Folder of the photographs.
     known
         Encoding, crop and distances of the set.
     holdout
@@ -90,11 +99,13 @@ def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
     InputError
         Something is wrong; the message names the first fault.
     """
-    lights = read_lp(lp_file(folder))
+    listed = find_lights(folder, known.lp)
+    lights = listed.lights
     coder = encoding.parse(known.encoding)
     crop = photographs.parse_crop(known.crop)
     held_out([None] * len(lights), holdout, folder)
     found = photographs.find_frames(folder, lights)
+    remarks = listed.remarks + _by_order(folder, listed, found)
     seconds = exposures(found)
     first, paths = found[lights[0].name][0], [path for frames in found.values() for path in frames]
     sizes = {path: photographs.size(path) for path in paths}
@@ -107,7 +118,18 @@ def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
     for path in progress(paths, "check", "photographs"):
         if not is_raw(path):  # LibRaw has looked into those
             photographs.read(path, coder, crop)
-    return PhotographSet(lights, sizes[first], seconds)
+    return PhotographSet(lights, sizes[first], seconds, tuple(remarks))
+
+
+def _by_order(folder: Path, listed: LightFile, found: dict[str, list[Path]]) -> list[str]:
+    """Return a remark where the photographs have other names than the lights."""
+    light, path = listed.lights[0], found[listed.lights[0].name][0]
+    if len(found[light.name]) > 1 or path.stem.casefold() == light.name.casefold():
+        return []
+    return [
+        f"{listed.path}: names none of the {len(found)} photographs of {folder}; they go by their order, from"
+        f" {path.name} for {light.name} on"
+    ]
 
 
 def remark_on_lengths(lights: list[LpLight], lamp_mm: float | None) -> str:

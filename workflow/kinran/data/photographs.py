@@ -1,5 +1,6 @@
 """Photographs of a set: the file of each light, and its linear light."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,7 +54,8 @@ def parse_crop(text: str) -> Crop | None:
 def find(folder: Path, lights: list[LpLight]) -> dict[str, Path]:
     """Find the image of each light, by the light's name; suffix and case may differ from those in the `.lp`.
 
-    It lies in the folder, or in a folder beside the `.lp` that the `.lp` names.
+    It lies in the folder, or in one that the `.lp` names, from the folder or from the `.lp`. Where the images of a dome
+    have other names than those in its `.lp`, and the folder has one for each light, they go by their order.
 
     Raises
     ------
@@ -62,21 +64,51 @@ def find(folder: Path, lights: list[LpLight]) -> dict[str, Path]:
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; give the folder of the photographs")
-    images = {name: _images(folder / name) for name in {"", *(light.folder for light in lights)}}
-    found = {}
+    found: dict[str, Path] = {}
+    missing: list[LpLight] = []
+    listed: dict[Path, dict[str, list[Path]]] = {}
     for light in lights:
-        by_stem = images[""]
-        if light.name.casefold() not in by_stem:
-            by_stem = images[light.folder]
-        alike = by_stem.get(light.name.casefold(), [])
+        places = [folder, folder / light.folder]
+        if light.base:  # a project's images may lie beside the folder of its .lp
+            places += [light.base / light.folder, light.base, light.base.parent / light.folder]
+        alike: list[Path] = []
+        for place in places:
+            alike = listed.setdefault(place, _images(place)).get(light.name.casefold(), [])
+            if alike:
+                break
         paths = [path for path in alike if path.stem == light.name] or alike
         exact = [path for path in paths if path.name == light.file]
         if len(exact or paths) > 1:
             raise InputError(f"{paths[0]}: stands beside {paths[1].name}; keep one image for each light")
-        if not paths:
-            raise InputError(f"{folder / (light.file or light.name)}: no such image, but the .lp names it")
-        found[light.name] = (exact or paths)[0]
+        if paths:
+            found[light.name] = (exact or paths)[0]
+        else:
+            missing.append(light)
+    if missing and not found and (ordered := in_order(folder, len(lights))):
+        return {light.name: path for light, path in zip(lights, ordered, strict=True)}
+    if missing:
+        raise InputError(_says_missing(folder, missing[0], len(found), len(lights)))
     return found
+
+
+def in_order(folder: Path, count: int) -> list[Path]:
+    """Return the pictures of a folder by name, numbers by their value; none where it has not so many."""
+    images = sorted((path for paths in _images(folder).values() for path in paths), key=_natural)
+    return images if len(images) == count else []
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Return what sorts ``IMG_2`` before ``IMG_10``."""
+    parts = re.split(r"(\d+)", path.name.casefold())
+    return [(int(part), "") if k % 2 else (0, part) for k, part in enumerate(parts)]
+
+
+def _says_missing(folder: Path, light: LpLight, found: int, count: int) -> str:
+    says = f"{folder / (light.file or light.name)}: no such image, but the .lp names it"
+    if found:
+        return says
+    images = sum(map(len, _images(folder).values()))
+    return f"{says}; with as many pictures as lights, {count} and not {images}, they would go by their order"
 
 
 def _images(folder: Path) -> dict[str, list[Path]]:

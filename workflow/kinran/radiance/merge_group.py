@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinran.base.distances import relative_light
 from kinran.base.files import InputError, sha256, write_json
@@ -54,12 +55,15 @@ def main(inputs: Inputs, out: Outputs) -> None:
     if missing := [plan.lights[index].name for index in wanted if index not in by_light]:
         raise InputError(f"{inputs.manifest}: has no shot of light '{missing[0]}'; capture the group again")
     gains = measure_gains(shots, calibration, inputs.manifest) if plan.on_rig else distance_gains(shots, plan)
+    evened = relative_intensities(plan)
     saturated, samples = 0, 0
     digests: dict[str, str] = {}
     for shard in progress(shards, f"group {group}", "shards"):
         with ShardWriter(out.stack, calibration.height, calibration.width) as writer:
             for light in (plan.lights[index] for index in wanted if index // SHARD == shard):
                 picture = merge_shot(by_light[light.index], calibration, gains, light.theta, light.phi)
+                if light.index in evened:
+                    picture = picture.with_value(picture.value / evened[light.index])
                 writer.add(picture)
                 saturated += int(np.count_nonzero(picture.has(SATURATED)))
                 samples += picture.flags.size
@@ -86,6 +90,16 @@ def distance_gains(shots: list[Taken], plan: Plan) -> dict[str, float]:
     known = len(positions) == len(plan.lights)
     gains = relative_light(positions) if known else np.ones(len(plan.lights))
     return {shot.shot: float(gains[shot.light or 0]) for shot in shots}
+
+
+def relative_intensities(plan: Plan) -> dict[int, NDArray[np.float32]]:
+    """Return the light (3,) of each lamp in R, G, B relative to their mean, by index; empty where all are alike."""
+    stated = [light.intensity for light in plan.lights]
+    known = [value for value in stated if value is not None]
+    if len(known) < len(stated):
+        return {}
+    values = np.array(known, np.float64)
+    return dict(enumerate((values / values.mean(0)).astype(np.float32)))
 
 
 def measure_gains(shots: list[Taken], calibration: Calibration, manifest: Path) -> dict[str, float]:
