@@ -86,8 +86,8 @@ def main(
     plan = read_plan(inputs.plan)
     shots = [shot for path in inputs.manifests for shot in read_manifest(path, plan)]
     if not plan.on_rig:
-        single = len(plan.exposures_s) == 1
-        calibration = calibrate_photographs(plan, shots) if single else calibrate_brackets(plan, shots)
+        alone = len(plan.exposures_s) == 1 and not (shots and shots[0].frames and is_raw(shots[0].frames[0].path))
+        calibration = calibrate_photographs(plan, shots) if alone else calibrate_brackets(plan, shots)
         if inputs.chart:
             calibration = calibrate_colours(calibration, inputs.chart, options.chart_corners, options.lamp)
     else:

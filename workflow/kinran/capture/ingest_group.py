@@ -9,6 +9,7 @@ from kinran.capture.photograph_set import frame_seconds
 from kinran.data import photographs
 from kinran.data.capture_plan import read_plan
 from kinran.data.light_files import find_lights
+from kinran.data.picture_kind import is_raw
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,8 @@ def manifest(plan_file: Path, name: str, folder: Path, lp: Path | None = None) -
     shots = []
     for shot in group.shots:
         paths = [path.resolve() for path in found[shot.shot]]
-        seconds = [None] if len(paths) == 1 else frame_seconds(paths)
+        alone = len(paths) == 1 and not is_raw(paths[0])
+        seconds = [None] if alone else frame_seconds(paths)
         frames = [
             {"file": str(path), "sha256": sha256(path), "bytes": path.stat().st_size, "exposure_s": time}
             for path, time in zip(paths, seconds, strict=True)

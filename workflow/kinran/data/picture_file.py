@@ -20,6 +20,8 @@ from kinran.data.picture_kind import READ, kind_of
 Pillow.MAX_IMAGE_PIXELS = None  # sizes are checked against the header before memory is taken
 ICC, REDUCED = 34675, 254
 """Tags of TIFF: InterColorProfile, and NewSubfileType, whose lowest bit marks a smaller picture of another page."""
+TAIL = 1 << 16
+"""Bytes at the end of a file in which its last mark is looked for: cameras append little to it."""
 PHOTOMETRIC = {0: "white is zero", 1: "grey", 2: "RGB", 3: "palette", 5: "CMYK", 6: "YCbCr"}
 """PhotometricInterpretation of the TIFF files that are read (TIFF 6.0)."""
 
@@ -99,6 +101,46 @@ def read_picture(path: Path) -> Picture:
         raise
     except Exception as error:
         raise InputError(f"{path}: is truncated or broken ({error}); replace it") from None
+
+
+def check_whole(path: Path) -> None:
+    """Check that a picture that is no RAW file is there as a whole, mostly from its beginning and its end alone.
+
+    Raises
+    ------
+    InputError
+        The file is cut off, or cannot be read as a picture.
+    """
+    kind, length = _known(path), path.stat().st_size
+    with path.open("rb") as file:
+        start = file.read(16)
+        file.seek(max(length - TAIL, 0))
+        end = file.read()
+    whole = {
+        "JPEG": b"\xff\xd9" in end,
+        "PNG": b"IEND\xaeB`\x82" in end,
+        "WebP": int.from_bytes(start[4:8], "little") + 8 <= length,
+        "BMP": int.from_bytes(start[2:6], "little") <= length,
+    }
+    if kind == "TIFF":
+        _check_strips(path, length)
+    elif kind not in whole:
+        read_picture(path)
+    elif not whole[kind]:
+        raise InputError(f"{path}: is truncated or broken (its end is missing); replace it")
+
+
+def _check_strips(path: Path, length: int) -> None:
+    try:
+        with tifffile.TiffFile(path) as file:
+            page = _main_page(file)
+            last = max(at + count for at, count in zip(page.dataoffsets, page.databytecounts, strict=True))
+    except InputError:
+        raise
+    except Exception as error:
+        raise InputError(f"{path}: is truncated or broken ({error}); replace it") from None
+    if last > length:
+        raise InputError(f"{path}: is truncated or broken (it needs {last} bytes and has {length}); replace it")
 
 
 def _known(path: Path) -> str:

@@ -70,8 +70,8 @@ def raw_size(path: Path) -> tuple[int, int]:
         return width // 2, height // 2
 
 
-def raw_seconds(path: Path) -> float:
-    """Return the nominal shutter time of a RAW file in seconds, from its header; 0 if it is missing.
+def raw_exposure(path: Path) -> tuple[float, float, float]:
+    """Return shutter time in seconds, ISO and aperture of a RAW file, from its header; 0 for what is missing.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def raw_seconds(path: Path) -> float:
         The file cannot be read.
     """
     with _opened(path, header=True) as raw:
-        return float(raw.other.shutter_speed)
+        return float(raw.other.shutter_speed), float(raw.other.iso_speed), float(raw.other.aperture)
 
 
 def camera_matrix(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
