@@ -122,7 +122,7 @@ def _job(folder: Path, sites: NDArray[np.uint16], planes: NDArray[np.uint16]) ->
     frames = tuple(Frame(Path(f"{rate}.dng"), 1 / rate) for rate in RATES)
     shot = Taken("light", "light", 0, None, None, frames)
     nominal, black = np.array([1 / rate for rate in RATES]), np.full(5, float(BLACK))
-    bracket = Bracket(shot, planes, black, False, nominal, 4095.0, 0, frames)
+    bracket = Bracket(shot, planes, np.repeat(black[:, None], 4, 1), None, nominal, 4095.0, 0, frames)
     picture = merge_bracket(bracket, camera)
     merging = cpu(lambda: merge_bracket(bracket, camera))
     files = {kind: [folder / f"{kind}_{k}.dng" for k in RATES] for kind in ("lossless", "plain")}

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran.base import encoding
-from kinran.data import lights, photographs, radiance_stack
+from kinran.data import light_files, photographs, radiance_stack
 from kinran.data.photographs import Crop
 from kinran.data.radiance import SATURATED, Radiance
 
@@ -76,7 +76,7 @@ def dome(*folders: Path) -> RealSet:
 
 
 def _photographs(folder: Path) -> tuple[Images, Mask, Array]:
-    listed = lights.read_lp(lights.lp_file(folder))
+    listed = light_files.find_lights(folder).lights
     found = photographs.find(folder, listed)
     width, height = photographs.size(found[listed[0].name])
     crop = Crop((width - SIDE) // 2, (height - SIDE) // 2, SIDE, SIDE)

@@ -28,7 +28,7 @@ def bracket(electrons: np.ndarray, seed: int = 0) -> Bracket:
     frames = tuple(Frame(Path(f"{rate}.dng"), 1 / rate) for rate in RATES)
     shot = Taken("shot", "light", 0, None, None, frames)
     nominal = np.array([1 / rate for rate in RATES])
-    return Bracket(shot, planes, np.full(5, float(BLACK)), False, nominal, 4095.0, 0, frames)
+    return Bracket(shot, planes, np.full((5, 4), float(BLACK)), None, nominal, 4095.0, 0, frames)
 
 
 def cloth() -> np.ndarray:
@@ -109,7 +109,7 @@ def test_counts_below_darkness() -> None:
     """A black level of 300 where it is 256: dark cloth comes out below nothing."""
     with pytest.raises(InputError, match="darker than darkness"):
         merge_sites(bracket(np.full((4, HEIGHT, HEIGHT), 2e3)), replace(CAMERA, black=(300.0,) * 4))
-    wrong = replace(bracket(np.full((4, HEIGHT, HEIGHT), 2e3)), black=np.full(5, 300.0))
+    wrong = replace(bracket(np.full((4, HEIGHT, HEIGHT), 2e3)), mask=np.full((5, 4), 300.0))
     with pytest.raises(InputError, match="darker than darkness"):
         merge_sites(wrong, replace(CAMERA, black=(300.0,) * 4))
 
@@ -133,7 +133,7 @@ def test_odd_sizes_keep_the_phase(tmp_path: Path, height: int, width: int, mask:
     write(tmp_path / "f.dng", expose(light, TRUE[100], np.random.default_rng(0)), 100, mask=mask)
     frame = read_raw(tmp_path / "f.dng")
     assert frame.planes.shape == (4, height // 2, width // 2)
-    assert frame.masked == (mask > 0)
+    assert (frame.mask is not None) == (mask > 0)
     means = (frame.planes.mean((1, 2)) - BLACK) / (3e5 * GAIN * TRUE[100])
     np.testing.assert_allclose(means, [2, 1, 1, 0.5], rtol=0.01)
 

@@ -109,7 +109,7 @@ WRONG: dict[str, tuple[str, Callable[[Path, float], None], tuple[str, ...], str]
     "two depths": ("tif", of_two_depths, (), r"p_100ms\.tif: has 8 bits but p_400ms\.tif 16"),
     "radiance": ("exr", radiance, (), "is linear radiance already"),
     "32 bits": ("tif", lambda path, s: tif(path, np.uint32(4e9 * seen(s))), (), "has samples of type uint32"),
-    "pages": ("tif", lambda path, s: tifffile.imwrite(path, np.zeros((2, 9, 9, 3), np.uint8)), (), "has the shape"),
+    "pages": ("tif", lambda path, s: tifffile.imwrite(path, np.zeros((2, 9, 9, 3), np.uint8)), (), "holds 2 pictures"),
     "text": ("png", lambda path, s: path.write_bytes(b"hello" * 99) and None, (), "is truncated or broken"),
     "empty": ("jpg", lambda path, s: path.write_bytes(b"") and None, (), "is truncated or broken"),
     "moved": ("png", wall, ("--encoding", "srgb"), r"p_100ms\.png: does not agree with the other exposures"),

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from raw_frames import RATES, TRUE, expose, write
+from raw_frames import BLACK, CLIP, GAIN, RATES, TRUE, expose, write
 from stages import make_stack
 
 from kinran.base.encoding import parse
@@ -13,7 +13,8 @@ from kinran.base.files import InputError
 from kinran.capture import ingest, ingest_group
 from kinran.capture.photograph_set import Known, inspect
 from kinran.data.calibration import read_calibration
-from kinran.data.lights import LpLight, write_lp
+from kinran.data.light_files import write_lp
+from kinran.data.lights import LpLight
 from kinran.data.radiance import SATURATED
 from kinran.data.radiance_stack import Stack
 
@@ -57,7 +58,7 @@ def run(folder: Path, encoding: str = "srgb", crop: str = "") -> Stack:
     plan, manifest = folder / "captures/set/plan.json", folder / "captures/set/groups/00.json"
     options = ingest.Options(encoding=encoding, crop=crop, fabric="set", holdout=4)
     ingest.main(ingest.Inputs(folder), plan, options)
-    ingest_group.main(ingest_group.Inputs(folder, plan), manifest, "00")
+    ingest_group.main(ingest_group.Inputs(folder, plan), manifest, ingest_group.Options(group="00"))
     return make_stack(folder, plan, manifest)
 
 
@@ -141,3 +142,19 @@ def test_an_unknown_time(folder: Path) -> None:
     frame.unlink()
     with pytest.raises(InputError, match=r"l3_a\.png: has no exposure time in its EXIF; rename it"):
         inspect(folder, Known(), 4)
+
+
+def test_a_raw_file_for_each_light(tmp_path: Path) -> None:
+    """One DNG a light, known by its bytes: radiance to 1 %, in the time that their EXIF states."""
+    lights(tmp_path)
+    rng = np.random.default_rng(1)
+    levels = [10 ** np.linspace(4.5, 6, 64)[None] * np.ones((64, 1)) * (1 + 0.1 * k) for k in range(COUNT)]
+    for k, level in enumerate(levels):
+        write(tmp_path / f"l{k}.dng", expose(level, TRUE[25], rng), 25).rename(tmp_path / f"l{k}.tif")
+    stack = run(tmp_path)
+    values = stack.read_tile(0, 32, 0, 32).value
+    true = np.stack([level.reshape(32, 2, 32, 2).mean((1, 3)) for level in levels]) * GAIN * TRUE[25] / (CLIP - BLACK)
+    lit = true > 0.02
+    ratio = values[..., 1] / true
+    assert np.median(ratio[lit]) == pytest.approx(1, abs=0.01)
+    np.testing.assert_allclose([np.median(r[s]) for r, s in zip(ratio, lit, strict=True)], 1, atol=0.01)

@@ -25,7 +25,7 @@ def test_a_compressed_bracket_is_merged_without_bias(real_data: Path) -> None:
     response = Response(3726 - 256, 1 / 12.1, float(np.hypot(20 / 12.1, 12**-0.5)))
     for plane, (row, column) in enumerate(site):
         counts = np.stack([frame.planes[plane] for frame in frames])
-        black = np.array([frame.black for frame in frames])
+        black = np.array([frame.black[plane] for frame in frames])
         rate, sigma, _ = estimate(counts, black, seconds, response)
         expected = truth[row::2, column::2][::-1]
         for low in (1e4, 1e5, 1e6, 1e7):

@@ -8,7 +8,8 @@ from PIL import Image
 
 from kinran.__main__ import main
 from kinran.base.encoding import parse
-from kinran.data.lights import LpLight, directions, read_lp
+from kinran.data.light_files import read_lights
+from kinran.data.lights import LpLight, directions
 
 WIDTH, HEIGHT, FIELD, CAMERA = 960, 640, 240.0, 700.0
 SPHERES = (((-85.0, 45.0), 22.0), ((85.0, -40.0), 22.0))
@@ -71,7 +72,7 @@ def outline(k: int) -> str:
 
 def run(folder: Path, out: Path, *options: str) -> list[LpLight]:
     assert main(["highlights", str(folder), "--out", str(out), *options]) == 0
-    return read_lp(out)
+    return read_lights(out).lights
 
 
 def degrees(lights: list[LpLight], truth: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import imagecodecs
 import numpy as np
 import pytest
 from PIL import Image
@@ -71,11 +72,6 @@ def break_zero(folder: Path) -> None:
     lp.write_text("\n".join(lines))
 
 
-def break_horizon(folder: Path) -> None:
-    lp = folder / "dirs.lp"
-    lp.write_text(lp.read_text().replace("0.8660254", "-0.8660254", 1))
-
-
 def break_twice(folder: Path) -> None:
     lp = folder / "dirs.lp"
     lp.write_text(lp.read_text().replace("img 02.png", "img 01.png", 1))
@@ -91,7 +87,6 @@ def break_twice(folder: Path) -> None:
         (break_two_lp, [], "keep one .lp file"),
         (break_no_lp, [], "has no .lp file"),
         (break_zero, [], "line 4 (img 02.png) has the light vector 0.0 0.0 0.0"),
-        (break_horizon, [], "under the horizon"),
         (break_twice, [], "names 'img 01' again"),
         (None, ["--crop", "5,5,20,20"], "too small for the crop 5,5,20,20"),
         (None, ["--crop", "1,2,3"], "crop '1,2,3': give X,Y,W,H"),
@@ -146,3 +141,44 @@ def test_no_change_of_the_merge_ingests_a_set_again(stage: str) -> None:
     assert {name.split(".")[1] for name in held} == {"base", "capture", "data"}
     assert {"kinran.data.nominal_time", "kinran.data.raw"} <= set(held)
     assert "kinran.data.calibration" not in held
+
+
+def test_photographs_of_other_exposures(tmp_path: Path) -> None:
+    """ISO, aperture and time of EXIF have to agree, in photographs alone as in RAW files."""
+    folder = make_set(tmp_path / "set")
+    exif = Image.Exif()
+    exif.get_ifd(0x8769).update({0x829A: 0.01, 0x8827: 200})
+    for k in range(16):
+        path = folder / f"img {k:02d}.png"
+        Image.open(path).save(path.with_suffix(".jpg"), exif=exif)
+        path.unlink()
+    inspect(folder, Known(), 8)
+    exif.get_ifd(0x8769)[0x8827] = 400
+    Image.open(folder / "img 07.jpg").save(folder / "img 07.jpg", exif=exif)
+    with pytest.raises(InputError, match=r"img 07\.jpg: was taken with ISO 400 but img 00\.jpg with ISO 200"):
+        inspect(folder, Known(), 8)
+
+
+def test_names_of_another_dome_go_by_their_order(tmp_path: Path) -> None:
+    """One file of a dome serves every object; numbers count by their value, and the run says so."""
+    folder = make_set(tmp_path / "set", 12)
+    for k in range(12):
+        (folder / f"img {k:02d}.png").rename(folder / f"IMG_{k + 4}.png")
+    (folder / "dirs.lp").rename(tmp_path / "dome.lp")
+    found = inspect(folder, Known(lp=tmp_path / "dome.lp"), 8)
+    assert "names none of the 12 photographs" in found.remarks[0]
+    write_plan(tmp_path / "plan.json", ingest.plan("icon", found, Known()))
+    rows = ingest_group.manifest(tmp_path / "plan.json", "00", folder, tmp_path / "dome.lp")["shots"]
+    assert [Path(row["frames"][0]["file"]).name for row in rows] == [f"IMG_{k + 4}.png" for k in range(12)]
+    (folder / "chart.png").write_bytes((folder / "IMG_4.png").read_bytes())
+    with pytest.raises(InputError, match="with as many pictures as lights, 12 and not 13"):
+        inspect(folder, Known(lp=tmp_path / "dome.lp"), 8)
+
+
+def test_a_profile_that_contradicts_the_encoding(tmp_path: Path) -> None:
+    folder = make_set(tmp_path / "set")
+    profile = imagecodecs.cms_profile("adobergb")
+    Image.open(folder / "img 00.png").save(folder / "img 00.png", icc_profile=profile)
+    inspect(folder, Known(), 8)
+    with pytest.raises(InputError, match=r"--encoding linear: but .*img 00\.png embeds the colour profile"):
+        inspect(folder, Known(encoding="linear"), 8)

@@ -4,6 +4,7 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
+import tifffile
 
 from kinran.virtual.dng import RGGB, Tags, write_dng
 
@@ -44,3 +45,21 @@ def bracket(folder: Path, electrons: np.ndarray, seed: int = 1, rates: tuple[int
     rng = np.random.default_rng(seed)
     folder.mkdir(exist_ok=True)
     return [write(folder / f"f_{rate}.dng", expose(electrons, TRUE[rate], rng), rate) for rate in rates]
+
+
+def write_with_tags(path: Path, counts: np.ndarray, tags: list[tuple[int, str, int, object, bool]]) -> Path:
+    """Write counts (all of the sensor) as a DNG with tags of one's own, such as fractions of a black level."""
+    own = {number for number, *_ in tags}
+    height, width = counts.shape
+    usual: list[tuple[int, str, int, object, bool]] = [
+        (50706, "B", 4, bytes([1, 4, 0, 0]), True),
+        (50707, "B", 4, bytes([1, 1, 0, 0]), True),
+        (50708, "s", 0, "Kinran test", True),
+        (33421, "H", 2, (2, 2), True),
+        (33422, "B", 4, bytes(RGGB), True),
+        (50829, "I", 4, (0, 0, height, width), True),
+        (50717, "H", 1, 4095, True),
+    ]
+    extra = [tag for tag in usual if tag[0] not in own] + tags
+    tifffile.imwrite(path, counts, photometric=32803, extratags=extra, metadata=None, software=None)
+    return path

@@ -11,7 +11,8 @@ from kinran.base.distances import directions_to, falloff, texel_points
 from kinran.base.files import InputError
 from kinran.capture import ingest, ingest_group
 from kinran.capture.photograph_set import Known
-from kinran.data.lights import LpLight, read_lp, write_lp
+from kinran.data.light_files import read_lights, write_lp
+from kinran.data.lights import LpLight
 from kinran.data.radiance_stack import Stack
 
 WIDTH, HEIGHT, FIELD = 60, 40, 120.0
@@ -50,7 +51,7 @@ def run(folder: Path, work: Path, crop: str, lamp: float | None, camera: float |
     known = {"encoding": "linear", "crop": crop, "lamp_mm": lamp, "field_mm": FIELD if lamp else None}
     options = ingest.Options(**known, camera_mm=camera, fabric="set", holdout=4)
     ingest.main(ingest.Inputs(folder), plan, options)
-    ingest_group.main(ingest_group.Inputs(folder, plan), manifest, "00")
+    ingest_group.main(ingest_group.Inputs(folder, plan), manifest, ingest_group.Options(group="00"))
     return make_stack(work, plan, manifest)
 
 
@@ -97,7 +98,7 @@ def test_what_lengths_mean_is_said(folder: Path, tmp_path: Path, caplog: pytest.
     caplog.clear()
     run(folder, tmp_path, "", 1.0)
     assert "taken for directions" not in caplog.text
-    assert [light.length for light in read_lp(folder / "near.lp")] == pytest.approx(RADII)
+    assert [light.length for light in read_lights(folder / "near.lp").lights] == pytest.approx(RADII)
 
 
 @pytest.mark.parametrize(

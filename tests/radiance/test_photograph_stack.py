@@ -90,7 +90,7 @@ def test_another_size_is_refused(folder: Path) -> None:
     out = merge_group.Outputs(folder / "radiance.zarr")
     with pytest.raises(InputError, match=r"p07\.png: has other bytes than when it was taken"):
         merge_group.main(inputs, out)
-    ingest_group.main(ingest_group.Inputs(folder, plan), inputs.manifest, "00")
+    ingest_group.main(ingest_group.Inputs(folder, plan), inputs.manifest, ingest_group.Options(group="00"))
     with pytest.raises(InputError, match=r"p07\.png: gives 21 × 12 texels"):
         merge_group.main(inputs, out)
     (folder / "p07.png").write_bytes(b"")

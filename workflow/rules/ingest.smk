@@ -14,11 +14,12 @@ rule ingest:
         crop=lambda wildcards: fabrics[wildcards.fabric].crop,
         holdout=lambda wildcards: settings(wildcards)["holdout"],
         distances=lambda wildcards: fabrics[wildcards.fabric].distance_options,
+        lp=lambda wildcards: fabrics[wildcards.fabric].lp_option,
         code=digest("kinran.capture.ingest"),
     shell:
         "python -m kinran ingest --folder {params.folder:q} --fabric {wildcards.fabric}"
         " --encoding {params.encoding:q} --crop={params.crop:q} --holdout {params.holdout}"
-        " {params.distances} {output:q} 2>&1 | tee {log}"
+        " {params.distances} {params.lp} {output:q} 2>&1 | tee {log}"
 
 
 rule ingest_group:
@@ -35,7 +36,8 @@ rule ingest_group:
         runtime=runtime_of("ingest_group"),
     params:
         folder=lambda wildcards: fabrics[wildcards.fabric].folder,
+        lp=lambda wildcards: fabrics[wildcards.fabric].lp_option,
         code=digest("kinran.capture.ingest_group"),
     shell:
         "python -m kinran ingest-group --folder {params.folder:q} --plan {input:q} --group {wildcards.group}"
-        " {output:q} 2>&1 | tee {log}"
+        " {params.lp} {output:q} 2>&1 | tee {log}"

@@ -25,9 +25,8 @@ from kinran.bracket.superpixels import merge_sites
 from kinran.bracket.uncalibrated import RECOVERED, decoder_of, describe
 from kinran.data.calibration import CalibratedCamera
 from kinran.data.nominal_time import nominal_seconds
-from kinran.data.photographs import SUFFIXES
+from kinran.data.picture_kind import READ, is_raw, kind_of
 from kinran.data.radiance import DARK, SATURATED, Image, Radiance
-from kinran.data.raw import is_raw
 
 log = logging.getLogger(__name__)
 
@@ -80,7 +79,7 @@ def timed(paths: Sequence[Path], times: str) -> list[Frame]:
     for k, path in enumerate(paths):
         if not path.is_file():
             raise InputError(f"{path}: no such file")
-        if not is_raw(path) and path.suffix.lower() not in SUFFIXES:
+        if kind_of(path) not in READ:
             raise InputError(f"{path}: is no RAW, TIFF, PNG or JPEG file; give frames of these kinds")
         if path.resolve() in {other.resolve() for other in paths[:k]}:
             raise InputError(f"{path}: is given twice; give each frame once")
@@ -171,7 +170,7 @@ def write(path: Path, merged: Radiance, bracket: Bracket, camera: CalibratedCame
                 "read_counts": camera.response.read,
                 "relative_coding": camera.response.coding,
                 "saturation_counts": camera.response.saturation,
-                "black_counts": [float(value) for value in bracket.black],
+                "black_counts": bracket.black.tolist() if bracket.mask is None else bracket.mask.tolist(),
             }
         ),
     }

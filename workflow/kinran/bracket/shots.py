@@ -14,8 +14,9 @@ from kinran.data.calibration import Calibration
 from kinran.data.capture_plan import Plan
 from kinran.data.photographs import CLIPPED, Crop, parse_crop
 from kinran.data.photographs import read as read_photograph
+from kinran.data.picture_kind import is_raw, kind_of
 from kinran.data.radiance import Image, Radiance
-from kinran.data.raw import RawFrame, is_raw, read_raw
+from kinran.data.raw import RawFrame, read_raw
 
 MISLABELLED = 0.10
 """Relative difference from its calibrated time above which an exposure is mislabelled: a third stop is 26 %."""
@@ -25,8 +26,6 @@ APERTURE = 0.02
 """Largest relative difference of ISO or aperture within a bracket: rounding in EXIF explains it."""
 STRIP = 64
 """Rows of a photograph that are decoded at a time, to save memory."""
-SAME_KIND = {".jpeg": ".jpg", ".tiff": ".tif"}
-"""Suffixes that mean the same kind of file."""
 
 
 @dataclass(frozen=True)
@@ -73,10 +72,11 @@ class Bracket:
         The shot.
     planes : (exposure, plane, y, x) uint16
         Counts of R, G1, G2, B of RAW frames, or of R, G, B of photographs; row 0 is v = 0.
-    black : (exposure,) float
-        Black levels in counts, measured under the mask or stated by the file.
-    masked
-        Whether all frames have a masked border.
+    black : (exposure, plane) float
+        Black levels in counts that the files state.
+    mask : (exposure, plane) float or None
+        Levels in counts under the border of the sensor: the mean of all sites in each frame, and what each kind differs
+        by in the mean of all frames, as it does not change; None where a frame has no border.
     nominal_s : (exposure,) float
         Nominal shutter times in seconds.
     white
@@ -90,7 +90,7 @@ class Bracket:
     shot: Taken
     planes: NDArray[np.uint16]
     black: NDArray[np.float64]
-    masked: bool
+    mask: NDArray[np.float64] | None
     nominal_s: NDArray[np.float64]
     white: float
     turns: int = 0
@@ -200,12 +200,21 @@ def read_bracket(shot: Taken, decoder: Encoding | Curve | None = None, crop: Cro
         shot,
         planes,
         np.array([frame.black for frame in frames]),
-        all(frame.masked for frame in frames),
+        _under_mask([frame.mask for frame in frames]),
         np.array([frame.nominal_s for frame in ordered]),
         frames[0].white,
         frames[0].turns,
         tuple(ordered),
     )
+
+
+def _under_mask(masks: Sequence[NDArray[np.float64] | None]) -> NDArray[np.float64] | None:
+    found = [mask for mask in masks if mask is not None]
+    if len(found) < len(masks):
+        return None
+    levels = np.array(found)
+    common = levels.mean(1, keepdims=True)
+    return np.asarray(common + (levels - common).mean(0))
 
 
 def _cut(raw: RawFrame, crop: Crop | None, path: Path) -> RawFrame:
@@ -253,8 +262,8 @@ def _photographs(shot: Taken, ordered: list[Frame], decoder: Encoding | Curve, c
     return Bracket(
         shot,
         planes,
-        np.zeros(len(ordered)),
-        False,
+        np.zeros((len(ordered), 3)),
+        None,
         np.array([frame.nominal_s for frame in ordered]),
         white * FULL,
         frames=tuple(ordered),
@@ -269,7 +278,7 @@ def read_codes(path: Path, crop: Crop | None) -> Image:
     InputError
         The file cannot be read, is an EXR, or has values that are not finite or over white.
     """
-    if path.suffix.lower() == ".exr":
+    if kind_of(path) == "EXR":
         raise InputError(f"{path}: is linear radiance already; give the photographs that it is made of")
     codes = read_photograph(path, parse("linear"), crop).value
     if not np.isfinite(codes).all():
@@ -287,32 +296,10 @@ def check_kind(paths: Sequence[Path]) -> None:
     InputError
         A frame is of another kind than the first.
     """
-    kinds = [SAME_KIND.get(path.suffix.lower(), path.suffix.lower()) for path in paths]
+    kinds = [kind_of(path) for path in paths]
     for path, kind in zip(paths, kinds, strict=True):
         if kind != kinds[0]:
             raise InputError(f"{path}: is no file of the kind of {paths[0].name}; merge one kind at a time")
-
-
-def site_black(bracket: Bracket, black: tuple[float, ...], masked: bool) -> NDArray[np.float64]:
-    """Return the black levels (exposure, plane) in counts of each frame and kind of site.
-
-    Parameters
-    ----------
-    bracket
-        The bracket.
-    black : (plane,)
-        Calibrated black levels, relative to the mean under the mask if `masked`.
-    masked
-        Whether the dark frames had a masked border.
-
-    Raises
-    ------
-    InputError
-        The dark frames had a masked border, and those of the bracket have none.
-    """
-    if masked and not bracket.masked:
-        raise InputError(f"shot '{bracket.shot.shot}': its frames have no masked border, but the dark ones had")
-    return np.array(black) + (bracket.black[:, None] if masked else np.zeros((len(bracket.black), 1)))
 
 
 def light_of(bracket: Bracket, black: NDArray[np.float64], exposure: int) -> Image:

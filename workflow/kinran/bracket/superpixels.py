@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran.base.files import InputError
+from kinran.bracket.black_level import site_black
 from kinran.bracket.estimator import DARK_SIGMA, Merged, estimate_rows
 from kinran.bracket.exposures import ratio, ratio_to, row_seconds
-from kinran.bracket.shots import FULL, MISLABELLED, Bracket, site_black
+from kinran.bracket.shots import FULL, MISLABELLED, Bracket
 from kinran.data.calibration import CalibratedCamera
 from kinran.data.radiance import DARK, HOT, SATURATED, SHIFTED, Flags, Image, Radiance
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from kinran.base.encoding import Encoding, parse
 from kinran.base.files import InputError
+from kinran.bracket.black_level import masked_border, site_black
 from kinran.bracket.estimator import guarded
 from kinran.bracket.exposures import discrepancy, measure, row_seconds, third_stop
 from kinran.bracket.noise import measure_noise
@@ -58,7 +59,9 @@ def describe(brackets: Sequence[Bracket]) -> CalibratedCamera:
     """
     first = brackets[0]
     planes = first.planes.shape[1]
-    blacks = [np.repeat(bracket.black[:, None], planes, 1) for bracket in brackets]
+    masked = masked_border(brackets)
+    stated = tuple((np.zeros(planes) if masked else first.black.mean(0)).tolist())
+    blacks = [site_black(bracket, stated, masked) for bracket in brackets]
     saturation = saturation_of(brackets)
     rough = Response(saturation, saturation / 30_000, max(1.0, 1e-4 * saturation))
     nominal = [float(value) for value in first.nominal_s]
@@ -77,8 +80,7 @@ def describe(brackets: Sequence[Bracket]) -> CalibratedCamera:
     rows = row_seconds([e.seconds for e in exposures], [e.curtain for e in exposures], first.planes.shape[2])
     noises = [measure_noise(b.planes, black, rows, rough.clip) for b, black in zip(brackets[:4], blacks, strict=False)]
     gain, read, coding = (float(np.median(part)) for part in zip(*noises, strict=True))
-    black = tuple(float(value) for value in (np.zeros(planes) if first.masked else blacks[0].mean(0)))
-    return CalibratedCamera(black, first.masked, Response(saturation, gain, read, coding), exposures, bad=())
+    return CalibratedCamera(stated, masked, Response(saturation, gain, read, coding), exposures, bad=())
 
 
 def saturation_of(brackets: Sequence[Bracket]) -> float:

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from kinran.base.encoding import Encoding, parse
 from kinran.base.files import InputError
 from kinran.base.frames import direction
+from kinran.bracket.black_level import masked_border, site_black
 from kinran.bracket.response_curve import Curve
-from kinran.bracket.shots import FULL, Bracket, Taken, check_digest, read_bracket, read_manifest, site_black
+from kinran.bracket.shots import FULL, Bracket, Taken, check_digest, read_bracket, read_manifest
 from kinran.bracket.superpixels import merge_bracket
 from kinran.bracket.uncalibrated import decoder_of, describe
 from kinran.calibrate import colour_chart
@@ -41,8 +42,9 @@ from kinran.data.capture_plan import Plan, read_plan
 from kinran.data.flat_field import Flat
 from kinran.data.photographs import parse_crop
 from kinran.data.photographs import read as read_photograph
+from kinran.data.picture_kind import is_raw
 from kinran.data.radiance import HOT, SATURATED, Image
-from kinran.data.raw import camera_matrix, is_raw
+from kinran.data.raw import camera_matrix
 
 Array = NDArray[np.float64]
 
@@ -84,8 +86,8 @@ def main(
     plan = read_plan(inputs.plan)
     shots = [shot for path in inputs.manifests for shot in read_manifest(path, plan)]
     if not plan.on_rig:
-        single = len(plan.exposures_s) == 1
-        calibration = calibrate_photographs(plan, shots) if single else calibrate_brackets(plan, shots)
+        alone = len(plan.exposures_s) == 1 and not (shots and shots[0].frames and is_raw(shots[0].frames[0].path))
+        calibration = calibrate_photographs(plan, shots) if alone else calibrate_brackets(plan, shots)
         if inputs.chart:
             calibration = calibrate_colours(calibration, inputs.chart, options.chart_corners, options.lamp)
     else:
@@ -227,19 +229,21 @@ def calibrate(plan: Plan, shots: Sequence[Taken], corners: str = "", lamp: str =
 
 def _measure_camera(dark: Bracket, white: Bracket, lit: Sequence[Bracket]) -> CalibratedCamera:
     """Measure black level, saturation, noise, shutter times and bad sites."""
-    black, read, hot = measure_dark(dark)
-    saturation = measure_saturation(white, black)
-    gain, prnu = photon_transfer(white, site_black(white, black, dark.masked), saturation, read)
+    masked = masked_border([dark, white, *lit])
+    black, read, hot = measure_dark(dark, masked)
+    levels = site_black(white, black, masked)
+    saturation = measure_saturation(white, levels)
+    gain, prnu = photon_transfer(white, levels, saturation, read)
     response = Response(saturation, gain, read)
-    exposures = measure_exposures(lit, [site_black(b, black, dark.masked) for b in lit], response)
-    bad = hot | dead_sites(white, site_black(white, black, dark.masked), saturation)
+    exposures = measure_exposures(lit, [site_black(b, black, masked) for b in lit], response)
+    bad = hot | dead_sites(white, levels, saturation)
     if bad.mean() > MOST_BAD:
         raise InputError(
             f"shot '{dark.shot.shot}': {bad.mean():.1%} of the sensor's sites are hot or dead; cover the lens"
             " and shoot it again"
         )
     sites = tuple((int(k), int(y), int(x)) for k, y, x in np.argwhere(bad))
-    return CalibratedCamera(black, dark.masked, response, exposures, sites, prnu=prnu)
+    return CalibratedCamera(black, masked, response, exposures, sites, prnu=prnu)
 
 
 def _pose(plan: Plan, bracket: Bracket) -> tuple[float, float]:

@@ -11,8 +11,9 @@ from kinran.bracket.response_curve import Curve
 from kinran.calibrate.chart_colours import fit_colours
 from kinran.data.calibration import Calibration
 from kinran.data.photographs import read as read_photograph
+from kinran.data.picture_kind import is_raw
 from kinran.data.radiance import SATURATED, Radiance
-from kinran.data.raw import is_raw, read_raw
+from kinran.data.raw import read_raw
 
 LARGEST = 1200
 """Most pixels along the longer side of the picture of a chart: the detector's time grows with them."""
@@ -56,9 +57,9 @@ def _read(path: Path, calibration: Calibration) -> Radiance:
     """Read light (y, x, 3) in the stack's RGB, on any scale; row 0 is the bottom."""
     if is_raw(path):
         raw = read_raw(path)
-        sites = raw.planes.astype(np.float32) - np.float32(raw.black)
+        sites = raw.planes.astype(np.float32) - raw.black[:, None, None].astype(np.float32)
         light = np.stack([sites[0], (sites[1] + sites[2]) / 2, sites[3]], -1)
-        full = calibration.camera.response.clip if calibration.camera else raw.white - raw.black
+        full = calibration.camera.response.clip if calibration.camera else raw.white - float(raw.black.mean())
         over = np.stack([sites[0], np.maximum(sites[1], sites[2]), sites[3]], -1) > full
         picture = Radiance(light, over * np.uint8(SATURATED))
     else:

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinran.base.files import InputError
+from kinran.bracket.black_level import site_black
 from kinran.bracket.exposures import discrepancy, measure, third_stop
-from kinran.bracket.shots import MISLABELLED, Bracket, light_of, site_black
+from kinran.bracket.shots import MISLABELLED, Bracket, light_of
 from kinran.data.calibration import Exposure, Response
 
 Array = NDArray[np.float64]
@@ -18,8 +19,8 @@ MOST_BAD = 0.01
 """Share of hot or dead sites above which the lens was not covered: a choice."""
 
 
-def measure_dark(dark: Bracket) -> tuple[tuple[float, float, float, float], float, NDArray[np.bool_]]:
-    """Measure the black level on a bracket of dark frames.
+def measure_dark(dark: Bracket, masked: bool) -> tuple[tuple[float, float, float, float], float, NDArray[np.bool_]]:
+    """Measure the black level on a bracket of dark frames, whose border may be `masked`.
 
     Returns
     -------
@@ -35,8 +36,8 @@ def measure_dark(dark: Bracket) -> tuple[tuple[float, float, float, float], floa
     InputError
         The frames are not dark, or their read noise is not plausible.
     """
-    offset = dark.black if dark.masked else np.zeros(len(dark.black))
-    counts = dark.planes - offset[:, None, None, None]
+    offset = site_black(dark, (0.0,) * 4, masked)
+    counts = dark.planes - offset[:, :, None, None]
     middle = np.median(counts[-1])
     spread = 1.4826 * np.median(np.abs(counts[-1] - middle)) + 0.5
     within = np.abs(counts - middle) < HOT_SIGMA * spread
@@ -52,17 +53,23 @@ def measure_dark(dark: Bracket) -> tuple[tuple[float, float, float, float], floa
     return (a, b, c, d), read, hot
 
 
-def measure_saturation(white: Bracket, black: tuple[float, ...]) -> float:
+def measure_saturation(white: Bracket, levels: Array) -> float:
     """Measure the saturation in counts over black: where the longest exposure of the white plate piles up.
 
     The level that files state is often wrong; it is used where nothing is saturated.
+
+    Parameters
+    ----------
+    white
+        Bracket of the white plate.
+    levels : (exposure, plane)
+        Its black levels in counts.
 
     Raises
     ------
     InputError
         The saturation is over the level that the file states.
     """
-    levels = site_black(white, black, white.masked)
     counts = white.planes[0] - levels[0, :, None, None]
     top = counts.max()
     piled = counts[counts > 0.99 * top]

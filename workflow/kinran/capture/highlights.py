@@ -20,8 +20,9 @@ from kinran.base.encoding import parse
 from kinran.base.files import InputError
 from kinran.base.log import progress
 from kinran.data import photographs
-from kinran.data.lights import LpLight, write_lp
-from kinran.data.raw import is_raw
+from kinran.data.light_files import write_lp
+from kinran.data.lights import LpLight
+from kinran.data.picture_kind import is_raw
 
 log = logging.getLogger(__name__)
 
@@ -109,7 +110,7 @@ def main(inputs: Inputs, out: Annotated[Path, "--out FILE.lp", "lights to write"
     circles, field_mm, lamp_mm = options.spheres, options.field_mm, options.lamp_mm
     if field_mm is None and (lamp_mm or options.camera_mm or len(circles) > 1):
         raise InputError("--field-mm: is missing; two spheres, --lamp-mm and --camera-mm need it")
-    paths = sorted(path for path in inputs.folder.glob("*") if path.suffix.lower() in photographs.SUFFIXES)
+    paths = sorted(path for path in inputs.folder.glob("*") if photographs.is_picture(path))
     paths = [path for path in paths if not is_raw(path)]
     if not paths:
         raise InputError(f"{inputs.folder}: has no photographs; give the folder of JPEG, PNG, TIFF or EXR files")

@@ -1,4 +1,4 @@
-"""Use photographs with known lights (a folder with a `.lp` file) as a capture: write its plan."""
+"""Use photographs with known lights as a capture: write its plan."""
 
 import logging
 import math
@@ -18,7 +18,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Inputs:
-    folder: Annotated[Path, "folder of the photographs and their .lp"]
+    folder: Annotated[Path, "folder of the photographs"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,8 +30,9 @@ class Options(Known):
 def main(inputs: Inputs, out: Annotated[Path, "OUT", "plan of the capture (.json)"], options: Options) -> None:
     """Write the plan of a set."""
     found = inspect(inputs.folder, options, options.holdout)
-    if said := remark_on_lengths(found.lights, options.lamp_mm):
-        log.warning(said)
+    said = remark_on_lengths(found.lights, options.lamp_mm)
+    for remark in (*found.remarks, *([said] if said else [])):
+        log.warning(remark)
     write_plan(out, plan(options.fabric, found, options))
 
 
@@ -81,4 +82,12 @@ def _place(index: int, light: LpLight, lamp_mm: float | None, centre: tuple[floa
         direction = unit(position)
     theta = math.degrees(math.acos(min(direction[2], 1.0)))
     phi = math.degrees(math.atan2(direction[1], direction[0])) % 360
-    return PlanLight(index, light.name, round(theta, 6), round(phi, 6), direction, position_mm=position)
+    return PlanLight(
+        index,
+        light.name,
+        round(theta, 6),
+        round(phi, 6),
+        direction,
+        position_mm=position,
+        intensity=light.intensity,
+    )

@@ -8,23 +8,28 @@ from kinran.base.files import sha256, write_json
 from kinran.capture.photograph_set import frame_seconds
 from kinran.data import photographs
 from kinran.data.capture_plan import read_plan
-from kinran.data.lights import lp_file, read_lp
+from kinran.data.light_files import find_lights
+from kinran.data.picture_kind import is_raw
 
 
 @dataclass(frozen=True)
 class Inputs:
-    folder: Annotated[Path, "folder of the photographs and their .lp"]
+    folder: Annotated[Path, "folder of the photographs"]
     plan: Annotated[Path, "plan of the capture (.json)"]
 
 
-def main(
-    inputs: Inputs, out: Annotated[Path, "OUT", "the group's manifest (.json)"], group: Annotated[str, "its name"]
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    group: Annotated[str, "its name"]
+    lp: Annotated[Path | None, "--lp FILE", "lights, where no .lp lies beside the photographs"] = None
+
+
+def main(inputs: Inputs, out: Annotated[Path, "OUT", "the group's manifest (.json)"], options: Options) -> None:
     """Write the manifest of a group."""
-    write_json(out, manifest(inputs.plan, group, inputs.folder))
+    write_json(out, manifest(inputs.plan, options.group, inputs.folder, options.lp))
 
 
-def manifest(plan_file: Path, name: str, folder: Path) -> dict[str, Any]:
+def manifest(plan_file: Path, name: str, folder: Path, lp: Path | None = None) -> dict[str, Any]:
     """Return the manifest of a group: the paths of its photographs, with their digests.
 
     Raises
@@ -34,11 +39,12 @@ def manifest(plan_file: Path, name: str, folder: Path) -> dict[str, Any]:
     """
     planned = read_plan(plan_file)
     group = planned.group(name)
-    found = photographs.find_frames(folder, list(read_lp(lp_file(folder))))
+    found = photographs.find_frames(folder, find_lights(folder, lp).lights)
     shots = []
     for shot in group.shots:
         paths = [path.resolve() for path in found[shot.shot]]
-        seconds = [None] if len(paths) == 1 else frame_seconds(paths)
+        alone = len(paths) == 1 and not is_raw(paths[0])
+        seconds = [None] if alone else frame_seconds(paths)
         frames = [
             {"file": str(path), "sha256": sha256(path), "bytes": path.stat().st_size, "exposure_s": time}
             for path, time in zip(paths, seconds, strict=True)

@@ -193,8 +193,8 @@ def seen(root: Path, file: str, exposure_s: float) -> FrameSeen | None:
         frame = read_raw(root / file)
     except InputError:
         return None
-    range_ = frame.white - frame.black
-    light = (frame.planes.astype(np.float32) - np.float32(frame.black)) / np.float32(range_)
+    range_ = frame.white - frame.black.mean()
+    light = (frame.planes - frame.black[:, None, None].astype(np.float32)) / np.float32(range_)
     stops = np.log2(np.maximum(light, 2.0**-STOPS))
     bins = np.clip(((stops + STOPS) * (STOPS_SHOWN / STOPS)).astype(int), 0, STOPS_SHOWN - 1)
     shares = [np.bincount(bins[k].ravel(), minlength=STOPS_SHOWN) / bins[k].size for k in range(4)]

@@ -9,11 +9,16 @@ from kinran.base.distances import Distances, check_lengths
 from kinran.base.files import InputError
 from kinran.base.log import progress
 from kinran.data import photographs
+from kinran.data.colour_profile import is_srgb, name_of
 from kinran.data.hold_out_rule import held_out
-from kinran.data.lights import LpLight, lp_file, read_lp
-from kinran.data.nominal_time import nominal_seconds
-from kinran.data.raw import is_raw
+from kinran.data.light_files import LightFile, find_lights
+from kinran.data.lights import LpLight
+from kinran.data.nominal_time import ExposureSettings, exposure_of, nominal_seconds
+from kinran.data.picture_file import check_whole, read_picture
+from kinran.data.picture_kind import is_raw, kind_of
 
+ALIKE = 0.02
+"""Largest relative difference of exposure settings that are alike: rounding in EXIF explains it."""
 UNIT = 0.02
 """Difference of a vector's length from 1 above which it may be a position: a direction that is rounded to two decimals
 differs by 0.009 at most."""
@@ -21,7 +26,7 @@ differs by 0.009 at most."""
 
 @dataclass(frozen=True)
 class Known:
-    """Encoding, crop and distances that a user states for a set of photographs."""
+    """Encoding, crop, distances and file of lights that a user states for a set of photographs."""
 
     encoding: Annotated[str, "srgb (default), linear or gamma:EXPONENT"] = "srgb"
     crop: Annotated[str, "--crop X,Y,W,H", "part to use, from the top left"] = ""
@@ -35,6 +40,11 @@ class Known:
         float | None,
         "--camera-mm MM",
         "from the fabric to the lens; without it, seen along the normal everywhere",
+    ] = None
+    lp: Annotated[
+        Path | None,
+        "--lp FILE",
+        "lights, where no .lp lies beside the photographs; +x is right, +y up, +z to the camera",
     ] = None
 
     @property
@@ -66,11 +76,14 @@ class PhotographSet:
         Width and height of a whole photograph in pixels.
     exposures_s
         Nominal exposure times of the brackets in seconds, longest first; 1 for single photographs.
+    remarks
+        Sentences on what was taken in a way that no file states.
     """
 
     lights: list[LpLight]
     size: tuple[int, int] = (1, 1)
     exposures_s: tuple[float, ...] = (1.0,)
+    remarks: tuple[str, ...] = ()
 
 
 def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
@@ -79,7 +92,7 @@ def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
     Parameters
     ----------
     folder
-        Folder of the photographs and their `.lp` file.
+        Folder of the photographs.
     known
         Encoding, crop and distances of the set.
     holdout
@@ -90,11 +103,13 @@ def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
     InputError
         Something is wrong; the message names the first fault.
     """
-    lights = read_lp(lp_file(folder))
-    coder = encoding.parse(known.encoding)
+    listed = find_lights(folder, known.lp)
+    lights = listed.lights
+    encoding.parse(known.encoding)
     crop = photographs.parse_crop(known.crop)
     held_out([None] * len(lights), holdout, folder)
     found = photographs.find_frames(folder, lights)
+    remarks = listed.remarks + _by_order(folder, listed, found)
     seconds = exposures(found)
     first, paths = found[lights[0].name][0], [path for frames in found.values() for path in frames]
     sizes = {path: photographs.size(path) for path in paths}
@@ -104,10 +119,66 @@ def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
                 f"{path}: is {size[0]}x{size[1]} but {first.name} is {sizes[first][0]}x{sizes[first][1]};"
                 " all photographs of a set have one size"
             )
+    if crop and (crop.x + crop.width > sizes[first][0] or crop.y + crop.height > sizes[first][1]):
+        width, height = sizes[first]
+        raise InputError(f"{first}: is {width}x{height}, too small for the crop {crop}; choose a smaller one")
+    settings = {}
     for path in progress(paths, "check", "photographs"):
+        settings[path] = exposure_of(path)
         if not is_raw(path):  # LibRaw has looked into those
-            photographs.read(path, coder, crop)
-    return PhotographSet(lights, sizes[first], seconds)
+            check_whole(path)
+    check_alike(settings, len(paths) == len(found))
+    check_profile(first, known.encoding)
+    return PhotographSet(lights, sizes[first], seconds, tuple(remarks))
+
+
+def _by_order(folder: Path, listed: LightFile, found: dict[str, list[Path]]) -> list[str]:
+    """Return a remark where the photographs have other names than the lights."""
+    light, path = listed.lights[0], found[listed.lights[0].name][0]
+    if len(found[light.name]) > 1 or path.stem.casefold() == light.name.casefold():
+        return []
+    return [
+        f"{listed.path}: names none of the {len(found)} photographs of {folder}; they go by their order, from"
+        f" {path.name} for {light.name} on"
+    ]
+
+
+def check_alike(settings: dict[Path, ExposureSettings], single: bool) -> None:
+    """Check that all photographs of a set were exposed alike, as far as EXIF says; a bracket differs in time alone.
+
+    Raises
+    ------
+    InputError
+        Two photographs differ.
+    """
+    parts = {"iso": "ISO {:g}", "aperture": "f/{:g}", **({"seconds": "{:.4g} s"} if single else {})}
+    for part, form in parts.items():
+        stated = [(path, float(getattr(value, part))) for path, value in settings.items() if getattr(value, part)]
+        for path, value in stated[1:]:
+            first, other = stated[0]
+            if abs(value / other - 1) > ALIKE:
+                raise InputError(
+                    f"{path}: was taken with {form.format(value)} but {first.name} with {form.format(other)};"
+                    " all photographs of a set need one exposure"
+                )
+
+
+def check_profile(path: Path, encoded: str) -> None:
+    """Check that no profile in a photograph contradicts the encoding that a user states.
+
+    Raises
+    ------
+    InputError
+        It embeds one that is not sRGB, and the encoding is another than srgb, which stands for what files say.
+    """
+    if encoded == "srgb" or is_raw(path) or kind_of(path) == "EXR":
+        return
+    profile = read_picture(path).profile
+    if profile and not is_srgb(profile):
+        raise InputError(
+            f"--encoding {encoded}: but {path} embeds the colour profile '{name_of(profile)}'; leave the option out to"
+            " go by the profile, or take the profile out"
+        )
 
 
 def remark_on_lengths(lights: list[LpLight], lamp_mm: float | None) -> str:
@@ -127,13 +198,10 @@ def exposures(found: dict[str, list[Path]]) -> tuple[float, ...]:
     Raises
     ------
     InputError
-        A light has a single RAW file, brackets and single images are mixed, or an exposure time is unknown or stands
-        twice in a bracket.
+        Brackets and single images are mixed, or an exposure time is unknown or stands twice in a bracket.
     """
     times: set[float] = set()
     for name, frames in found.items():
-        if len(frames) == 1 and is_raw(frames[0]):
-            raise InputError(f"{frames[0]}: is a single RAW file; give brackets of RAW, or developed photographs")
         if (len(frames) > 1) != (len(next(iter(found.values()))) > 1):
             raise InputError(f"{frames[0]}: light '{name}' has {len(frames)} image(s), the first one more or fewer")
         own = frame_seconds(frames)
@@ -144,14 +212,14 @@ def exposures(found: dict[str, list[Path]]) -> tuple[float, ...]:
 
 
 def frame_seconds(frames: list[Path]) -> list[float]:
-    """Return the nominal exposure time in seconds of each frame of a light, from EXIF or name; 1 for a single one.
+    """Return the nominal exposure time in seconds of a light's frames, from EXIF or name; 1 for a photograph alone.
 
     Raises
     ------
     InputError
         A frame of a bracket has no exposure time.
     """
-    if len(frames) == 1:
+    if len(frames) == 1 and not is_raw(frames[0]):
         return [1.0]
     seconds = [round(nominal_seconds(path), 9) for path in frames]
     for path, value in zip(frames, seconds, strict=True):

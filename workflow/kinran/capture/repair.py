@@ -20,7 +20,8 @@ from kinran.capture.journal import COPY, JOURNAL, Record, line, lock, parse, spl
 from kinran.capture.lost_records import aside_name, unknown_files
 from kinran.capture.sidecar import Sidecar, keep_sidecar, read_sidecars
 from kinran.capture.store import DISK, remove_parts
-from kinran.data.raw import is_raw, read_raw
+from kinran.data.picture_kind import is_raw
+from kinran.data.raw import read_raw
 
 log = logging.getLogger(__name__)
 

@@ -40,6 +40,8 @@ class PlanLight:
         (iθ, iφ) in the plan's grid; None in a list, but (0, 0) for the light at θ = 0 that a rig repeats.
     position_mm
         Position of the lamp in millimetres from the field's centre; None when unknown.
+    intensity
+        Light of the lamp in R, G, B, in any unit; None where all are alike.
     """
 
     index: int
@@ -49,6 +51,7 @@ class PlanLight:
     direction: Vector
     grid: tuple[int, int] | None = None
     position_mm: Vector | None = None
+    intensity: Vector | None = None
 
 
 @dataclass(frozen=True)
@@ -237,6 +240,9 @@ def _as_json(plan: Plan) -> dict[str, Any]:
     for key, absent in (("camera_mm", None), ("axis_mm", None), ("backlash", 0.0)):
         if value[key] == absent:  # plans that were written without these keys keep their digests
             del value[key]
+    for light in value["lights"]:
+        if light["intensity"] is None:
+            del light["intensity"]
     for shot in (shot for group in value["groups"] for shot in group["shots"]):
         if shot["camera"] is None:
             del shot["camera"]

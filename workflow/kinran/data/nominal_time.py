@@ -1,16 +1,34 @@
-"""Nominal exposure times, from a file's EXIF or from its name."""
+"""How a photograph was exposed: from its EXIF or, for the time, from its name."""
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from PIL import Image as Pillow
 
-from kinran.data.raw import is_raw
+from kinran.data.picture_kind import is_raw
+from kinran.data.raw import raw_exposure
 
-EXIF, TIME = 0x8769, 0x829A
-"""Tags of EXIF: the directory of the exposure, and ExposureTime in it."""
+EXIF, TIME, ISO, APERTURE = 0x8769, 0x829A, 0x8827, 0x829D
+"""Tags of EXIF: the directory of the exposure, and ExposureTime, PhotographicSensitivity and FNumber in it."""
 IN_NAME = re.compile(r"_(?:(1)-(\d+)|(\d+(?:\.\d+)?)(m?))s(?=_|$)")
 """Pattern of a time in a name: ``_1-250s``, ``_0.004s`` or ``_4ms``, at its end or before another ``_``."""
+
+
+@dataclass(frozen=True)
+class ExposureSettings:
+    """How a photograph was exposed, as its EXIF says; 0 for what it does not say.
+
+    Attributes
+    ----------
+    seconds, iso, aperture
+        Nominal shutter time, ISO, and aperture (f-number).
+    """
+
+    seconds: float
+    iso: float
+    aperture: float
 
 
 def nominal_seconds(path: Path) -> float:
@@ -20,24 +38,34 @@ def nominal_seconds(path: Path) -> float:
 
 def exif_seconds(path: Path) -> float:
     """Return the nominal exposure time in seconds of a file's EXIF; 0 where it has none."""
+    return exposure_of(path).seconds
+
+
+def exposure_of(path: Path) -> ExposureSettings:
+    """Return how a file's EXIF says that it was exposed, from its header; 0 for what it does not say.
+
+    Raises
+    ------
+    InputError
+        A RAW file cannot be read.
+    """
     if is_raw(path):
-        return _raw(path)
+        return ExposureSettings(*raw_exposure(path))
     try:
         with Pillow.open(path) as image:
             tags = image.getexif()
-            value = tags.get_ifd(EXIF).get(TIME, tags.get(TIME, 0))
-            return max(float(value or 0), 0.0)
-    except (OSError, SyntaxError, ValueError, TypeError, ZeroDivisionError):
-        return 0.0
+            inside = tags.get_ifd(EXIF)
+            values = [_number(inside.get(tag, tags.get(tag, 0))) for tag in (TIME, ISO, APERTURE)]
+    except (OSError, SyntaxError, ValueError, TypeError):
+        return ExposureSettings(0.0, 0.0, 0.0)
+    return ExposureSettings(*values)
 
 
-def _raw(path: Path) -> float:
-    import rawpy
-
+def _number(value: Any) -> float:
+    """Return a number of EXIF, the first where it has several; 0 for what is none."""
     try:
-        with rawpy.imread(str(path)) as raw:
-            return float(raw.other.shutter_speed)
-    except rawpy.LibRawError:
+        return max(float(value[0] if isinstance(value, tuple) else value or 0), 0.0)
+    except (TypeError, ValueError, ZeroDivisionError, IndexError):
         return 0.0
 
 

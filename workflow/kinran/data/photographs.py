@@ -1,28 +1,22 @@
-"""Photographs on disk, as linear light: JPEG, PNG, TIFF of 8 or 16 bit, EXR."""
+"""Photographs of a set: the file of each light, and its linear light."""
 
-import warnings
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
-import imagecodecs
 import numpy as np
-import tifffile
-from numpy.typing import NDArray
-from PIL import Image as Pillow
 
-from kinran.base.encoding import Encoding
-from kinran.base.exr import read_exr
+from kinran.base.encoding import Encoding, to_srgb
 from kinran.base.files import InputError
+from kinran.data.colour_profile import is_srgb, to_linear
 from kinran.data.lights import LpLight
+from kinran.data.picture_file import read_picture, size_of
+from kinran.data.picture_kind import is_raw, kind_of
 from kinran.data.radiance import SATURATED, Radiance
-from kinran.data.raw import RAW, is_raw, raw_size
+from kinran.data.raw import raw_size
 
-SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr")
-"""Suffixes of photographs."""
 CLIPPED = 254 / 255
 """Encoded value from which a sample is saturated: the last code but one, since white in a JPEG may miss the last."""
-
-Pillow.MAX_IMAGE_PIXELS = None  # sizes are checked against the header before memory is taken
 
 
 @dataclass(frozen=True)
@@ -60,7 +54,8 @@ def parse_crop(text: str) -> Crop | None:
 def find(folder: Path, lights: list[LpLight]) -> dict[str, Path]:
     """Find the image of each light, by the light's name; suffix and case may differ from those in the `.lp`.
 
-    It lies in the folder, or in a folder beside the `.lp` that the `.lp` names.
+    It lies in the folder, or in one that the `.lp` names, from the folder or from the `.lp`. Where the images of a dome
+    have other names than those in its `.lp`, and the folder has one for each light, they go by their order.
 
     Raises
     ------
@@ -69,30 +64,65 @@ def find(folder: Path, lights: list[LpLight]) -> dict[str, Path]:
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; give the folder of the photographs")
-    images = {name: _images(folder / name) for name in {"", *(light.folder for light in lights)}}
-    found = {}
+    found: dict[str, Path] = {}
+    missing: list[LpLight] = []
+    listed: dict[Path, dict[str, list[Path]]] = {}
     for light in lights:
-        by_stem = images[""]
-        if light.name.casefold() not in by_stem:
-            by_stem = images[light.folder]
-        alike = by_stem.get(light.name.casefold(), [])
+        places = [folder, folder / light.folder]
+        if light.base:  # a project's images may lie beside the folder of its .lp
+            places += [light.base / light.folder, light.base, light.base.parent / light.folder]
+        alike: list[Path] = []
+        for place in places:
+            alike = listed.setdefault(place, _images(place)).get(light.name.casefold(), [])
+            if alike:
+                break
         paths = [path for path in alike if path.stem == light.name] or alike
         exact = [path for path in paths if path.name == light.file]
         if len(exact or paths) > 1:
             raise InputError(f"{paths[0]}: stands beside {paths[1].name}; keep one image for each light")
-        if not paths:
-            raise InputError(f"{folder / (light.file or light.name)}: no such image, but the .lp names it")
-        found[light.name] = (exact or paths)[0]
+        if paths:
+            found[light.name] = (exact or paths)[0]
+        else:
+            missing.append(light)
+    if missing and not found and (ordered := in_order(folder, len(lights))):
+        return {light.name: path for light, path in zip(lights, ordered, strict=True)}
+    if missing:
+        raise InputError(_says_missing(folder, missing[0], len(found), len(lights)))
     return found
+
+
+def in_order(folder: Path, count: int) -> list[Path]:
+    """Return the pictures of a folder by name, numbers by their value; none where it has not so many."""
+    images = sorted((path for paths in _images(folder).values() for path in paths), key=_natural)
+    return images if len(images) == count else []
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Return what sorts ``IMG_2`` before ``IMG_10``."""
+    parts = re.split(r"(\d+)", path.name.casefold())
+    return [(int(part), "") if k % 2 else (0, part) for k, part in enumerate(parts)]
+
+
+def _says_missing(folder: Path, light: LpLight, found: int, count: int) -> str:
+    says = f"{folder / (light.file or light.name)}: no such image, but the .lp names it"
+    if found:
+        return says
+    images = sum(map(len, _images(folder).values()))
+    return f"{says}; with as many pictures as lights, {count} and not {images}, they would go by their order"
 
 
 def _images(folder: Path) -> dict[str, list[Path]]:
     """Return the images of a folder by their case-folded stems; none where there is no folder."""
     by_stem: dict[str, list[Path]] = {}
     for path in sorted(folder.iterdir()) if folder.is_dir() else []:
-        if path.suffix.lower() in SUFFIXES:
+        if is_picture(path):
             by_stem.setdefault(path.stem.casefold(), []).append(path)
     return by_stem
+
+
+def is_picture(path: Path) -> bool:
+    """Return whether a file is a picture of any kind; what macOS keeps beside one (``._NAME``) is none."""
+    return not path.name.startswith(".") and bool(kind_of(path)) and path.is_file()
 
 
 def find_frames(folder: Path, lights: list[LpLight]) -> dict[str, list[Path]]:
@@ -108,17 +138,16 @@ def find_frames(folder: Path, lights: list[LpLight]) -> dict[str, list[Path]]:
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; give the folder of the photographs")
-    kinds = {*SUFFIXES, *RAW}
     names = {light.name for light in lights}
     named: dict[str, list[Path]] = {}
     for path in sorted(folder.iterdir()):
-        if path.suffix.lower() not in kinds or path.stem in names:
+        if not is_picture(path) or path.stem in names:
             continue
         parts = path.stem.split("_")
         owners = [name for k in range(1, len(parts)) if (name := "_".join(parts[:k])) in names]
         if owners:
             named.setdefault(owners[-1], []).append(path)
-    inside = {name: [p for p in sorted((folder / name).glob("*")) if p.suffix.lower() in kinds] for name in names}
+    inside = {name: [path for path in sorted((folder / name).glob("*")) if is_picture(path)] for name in names}
     single = [light for light in lights if not inside[light.name] and light.name not in named]
     frames = {name: [path] for name, path in find(folder, single).items()}
     for light in lights:
@@ -138,33 +167,22 @@ def size(path: Path) -> tuple[int, int]:
     InputError
         The file cannot be read as an image.
     """
-    if is_raw(path):
-        return raw_size(path)
-    try:
-        if path.suffix.lower() == ".exr":
-            plane = next(iter(read_exr(path).values()))
-            return plane.shape[1], plane.shape[0]
-        if path.suffix.lower() in (".tif", ".tiff"):
-            with tifffile.TiffFile(path) as file:
-                page = file.pages[0]
-                return int(page.imagewidth), int(page.imagelength)
-        with Pillow.open(path) as image:
-            return image.size
-    except (OSError, ValueError, tifffile.TiffFileError, SyntaxError) as error:
-        raise InputError(f"{path}: is not an image that can be read ({error}); replace it") from None
+    return raw_size(path) if is_raw(path) else size_of(path)
 
 
 def read(path: Path, encoding: Encoding, crop: Crop | None = None) -> Radiance:
     """Read a photograph as linear light (y, x, 3), row 0 at the bottom, in units of the encoding's white.
 
-    Values in floating point (EXR, TIFF) are taken as they are, without flags.
+    Values in floating point (EXR, TIFF) are taken as they are, without flags. Where a photograph embeds an ICC profile
+    other than sRGB, its codes become those of sRGB first.
 
     Raises
     ------
     InputError
         The file is missing, truncated or of another kind, or the crop is not inside it.
     """
-    values, ceiling = _values(path)
+    picture = read_picture(path)
+    values = picture.values
     if crop is not None:
         if crop.x + crop.width > values.shape[1] or crop.y + crop.height > values.shape[0]:
             raise InputError(
@@ -172,43 +190,11 @@ def read(path: Path, encoding: Encoding, crop: Crop | None = None) -> Radiance:
             )
         values = values[crop.y : crop.y + crop.height, crop.x : crop.x + crop.width]
     values = values[::-1]
-    if ceiling == 0:
+    if picture.ceiling == 0:
         return Radiance.unflagged(np.ascontiguousarray(values, np.float32))
-    scaled = values.astype(np.float32) / np.float32(ceiling)
-    return Radiance(encoding.decode(scaled), (scaled >= CLIPPED) * np.uint8(SATURATED))
-
-
-def _values(path: Path) -> tuple[NDArray[np.generic], int]:
-    """Read the values (y, x, 3), top row first, and the value of white (0 for floating point)."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            if path.suffix.lower() == ".exr":
-                channels = read_exr(path)
-                missing = [name for name in "RGB" if name not in channels]
-                if missing:
-                    raise InputError(f"{path}: has no channel {missing[0]}; give an RGB picture")
-                return np.stack([channels[name] for name in "RGB"], -1), 0
-            if path.suffix.lower() in (".tif", ".tiff"):
-                values = np.asarray(tifffile.imread(path))
-            elif path.suffix.lower() == ".png":  # Pillow reduces 16-bit colour to 8 bit silently
-                values = np.asarray(imagecodecs.png_decode(path.read_bytes()))
-            else:
-                with Pillow.open(path) as image:
-                    mode = "RGB" if image.mode in ("P", "RGBA", "CMYK", "YCbCr", "LA", "L", "1") else None
-                    values = np.asarray(image.convert(mode) if mode else image)
-    except InputError:
-        raise
-    except Exception as error:  # decoders raise errors of any kind on a broken file
-        raise InputError(f"{path}: is truncated or broken ({error}); replace it") from None
-    if values.ndim == 2 or values.shape[2] == 2:  # grey, and grey with alpha
-        values = values.reshape(*values.shape[:2], -1)[..., :1].repeat(3, -1)
-    if values.ndim != 3 or values.shape[2] < 3:
-        raise InputError(f"{path}: has the shape {values.shape}; give an RGB or grey picture")
-    if values.dtype.kind == "f":
-        return values[..., :3], 0
-    if values.dtype not in (np.uint8, np.uint16, np.int32):
-        raise InputError(f"{path}: has samples of type {values.dtype}; give 8 or 16 bit, or floating point")
-    return values[..., :3], 255 if values.dtype == np.uint8 else 65535
+    codes = values.astype(np.float32) / np.float32(picture.ceiling)
+    flags = (codes >= CLIPPED) * np.uint8(SATURATED)
+    if picture.profile and not is_srgb(picture.profile):
+        light = to_linear(codes, picture.profile)
+        return Radiance(light if encoding.name == "srgb" else encoding.decode(to_srgb(np.maximum(light, 0))), flags)
+    return Radiance(encoding.decode(codes), flags)

@@ -1,26 +1,28 @@
 """RAW frames, as the planes of the sensor's colour filter array."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tifffile
 from numpy.typing import NDArray
 
 from kinran.base.files import InputError
 
-RAW = {".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef"}
-"""Suffixes of RAW files."""
+DNG_VERSION = 50706
+BLACK_TAGS = BLACK_REPEAT, BLACK_LEVEL, BLACK_DELTA_H, BLACK_DELTA_V, ACTIVE_AREA = 50713, 50714, 50715, 50716, 50829
+"""Tags of DNG (1.7, ch. 4)."""
 TURNS = {3: 2, 5: 1, 6: 3}
 """Quarter turns, counterclockwise, of LibRaw's codes for a camera that was held on its side."""
 REC709_TO_XYZ = np.array(
     [[0.412453, 0.357580, 0.180423], [0.212671, 0.715160, 0.072169], [0.019334, 0.119193, 0.950227]]
 )
 """Linear Rec. 709 to CIE XYZ under D65 (ITU-R BT.709)."""
-LEAST_MASK = 256
-"""Fewest masked sites above the picture on which the black level is measured: their mean has 1/16 of the read noise."""
+LEAST_MASK = 64
+"""Fewest masked sites of a kind on which its black level is measured: their mean has 1/8 of the read noise."""
 
 
 @dataclass(frozen=True)
@@ -31,10 +33,10 @@ class RawFrame:
     ----------
     planes
         (4, y, x) uint16 counts of the sites R, G1 (in R's rows), G2 (in B's rows) and B; row 0 is v = 0.
-    black
-        Black level in counts: the mean under the sensor's mask where it has one, else the file's.
-    masked
-        Whether `black` was measured under a mask.
+    black : (4,) float
+        Black level of R, G1, G2, B in counts, as the file states it: a DNG's to a fraction, else LibRaw's.
+    mask : (4,) float or None
+        Mean of each kind of site in counts under the border of the sensor, which may not be masked; None without one.
     white
         Saturation level in counts of the file, which is often wrong.
     seconds
@@ -46,8 +48,8 @@ class RawFrame:
     """
 
     planes: NDArray[np.uint16]
-    black: float
-    masked: bool
+    black: NDArray[np.float64]
+    mask: NDArray[np.float64] | None
     white: float
     seconds: float
     iso: float = 0.0
@@ -55,21 +57,29 @@ class RawFrame:
     turns: int = 0
 
 
-def is_raw(path: Path) -> bool:
-    """Return whether a file has the suffix of a RAW file."""
-    return path.suffix.lower() in RAW
-
-
 def raw_size(path: Path) -> tuple[int, int]:
-    """Return width and height of the planes of a RAW file.
+    """Return width and height of the planes of a RAW file, from its header.
 
     Raises
     ------
     InputError
         The file cannot be read.
     """
-    with _opened(path) as raw:
-        return raw.sizes.width // 2, raw.sizes.height // 2
+    with _opened(path, header=True) as raw:
+        _, _, height, width = _window(raw.sizes)
+        return width // 2, height // 2
+
+
+def raw_exposure(path: Path) -> tuple[float, float, float]:
+    """Return shutter time in seconds, ISO and aperture of a RAW file, from its header; 0 for what is missing.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
+    """
+    with _opened(path, header=True) as raw:
+        return float(raw.other.shutter_speed), float(raw.other.iso_speed), float(raw.other.aperture)
 
 
 def camera_matrix(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -87,7 +97,7 @@ def camera_matrix(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]
     InputError
         The file cannot be read.
     """
-    with _opened(path) as raw:
+    with _opened(path, header=True) as raw:
         from_xyz = np.array(raw.rgb_xyz_matrix[:3], float)
     if not from_xyz.any():
         return np.ones(3), np.eye(3)
@@ -97,7 +107,7 @@ def camera_matrix(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def read_raw(path: Path) -> RawFrame:
-    """Read a Bayer RAW file, neither demosaiced nor scaled.
+    """Read a Bayer RAW file, neither demosaiced nor scaled, cut to the picture that the camera's maker shows.
 
     Raises
     ------
@@ -110,22 +120,15 @@ def read_raw(path: Path) -> RawFrame:
         if raw.raw_pattern is None or raw.raw_pattern.shape != (2, 2):
             raise InputError(f"{path}: is not of a Bayer sensor; give RAW frames of one")
         sizes, full = raw.sizes, raw.raw_image
-        visible = raw.raw_image_visible
-        height, width = (visible.shape[0] // 2) * 2, (visible.shape[1] // 2) * 2
-        names = raw.color_desc.decode()
+        top, left, height, width = _window(sizes)
+        sites = _sites(raw, top, left)
         planes = np.empty((4, height // 2, width // 2), np.uint16)
-        for row in (0, 1):
-            of_row = [names[k] for k in raw.raw_colors_visible[row, :2]]
-            for column, name in enumerate(of_row):
-                plane = {"R": 0, "G": 1 if "R" in of_row else 2, "B": 3}[name]
-                planes[plane] = visible[row:height:2, column:width:2][::-1]
-        border = full[: sizes.top_margin]
-        masked = border.size >= LEAST_MASK
-        black = _middle(border) if masked else float(np.mean(raw.black_level_per_channel))
+        for plane, (row, column) in enumerate(sites):
+            planes[plane] = full[top + row : top + height : 2, left + column : left + width : 2][::-1]
         return RawFrame(
             planes,
-            black,
-            masked,
+            _stated_black(path, raw, (top, left), sites),
+            _border(full, sizes, [((top + row) % 2, (left + column) % 2) for row, column in sites]),
             float(raw.white_level),
             raw.other.shutter_speed,
             raw.other.iso_speed,
@@ -134,17 +137,152 @@ def read_raw(path: Path) -> RawFrame:
         )
 
 
+def _window(sizes: Any) -> tuple[int, int, int, int]:
+    """Return top, left, height and width, both even, of the picture on the sensor: the maker's crop, if it states one.
+
+    Without one it is all that LibRaw takes for lit. The crop begins at a whole cell of the colour filter array.
+    """
+    top, left, height, width = sizes.top_margin, sizes.left_margin, sizes.height, sizes.width
+    if sizes.crop_width and sizes.crop_height:
+        down, right = sizes.crop_top_margin - top, sizes.crop_left_margin - left
+        if 0 <= down <= height - sizes.crop_height and 0 <= right <= width - sizes.crop_width:
+            inner_top, inner_left = top + down + down % 2, left + right + right % 2
+            height, width = sizes.crop_height - down % 2, sizes.crop_width - right % 2
+            top, left = inner_top, inner_left
+    return top, left, height // 2 * 2, width // 2 * 2
+
+
+def _sites(raw: Any, top: int, left: int) -> list[tuple[int, int]]:
+    """Return row and column in a cell of the sites R, G1 (in R's rows), G2 (in B's rows) and B, from a corner of cells.
+
+    Raises
+    ------
+    InputError
+        The four sites are not R, two G and B.
+    """
+    names = raw.color_desc.decode()
+    cell = [[names[raw.raw_color(top + row, left + column)] for column in (0, 1)] for row in (0, 1)]
+    found = {}
+    for row, colours in enumerate(cell):
+        for column, name in enumerate(colours):
+            found["G1" if name == "G" and "R" in colours else "G2" if name == "G" else name] = (row, column)
+    return [found[name] for name in ("R", "G1", "G2", "B")]
+
+
+def _stated_black(
+    path: Path, raw: Any, corner: tuple[int, int], sites: Sequence[tuple[int, int]]
+) -> NDArray[np.float64]:
+    """Return the black level of each kind of site that the file states: a DNG's own, which LibRaw rounds down."""
+    exact = dng_black(path, corner, sites)
+    if exact is not None:
+        return exact
+    levels = raw.black_level_per_channel
+    return np.array([levels[raw.raw_color(corner[0] + row, corner[1] + column)] for row, column in sites], float)
+
+
+def dng_black(path: Path, corner: tuple[int, int], sites: Sequence[tuple[int, int]]) -> NDArray[np.float64] | None:
+    """Return the black levels that a DNG states, with their fractions and means over its rows and columns.
+
+    Parameters
+    ----------
+    path
+        A RAW file of any kind.
+    corner
+        Row and column on the sensor of a corner of its colour filter array's cells.
+    sites
+        Row and column in a cell of each kind of site.
+
+    Returns
+    -------
+    (site,) float or None
+        BlackLevel, repeated from the corner of ActiveArea, and the means of BlackLevelDeltaV and BlackLevelDeltaH over
+        rows and columns of each kind (DNG 1.7, ch. 4); None where the file is no DNG, or its black repeats otherwise
+        than its colours.
+    """
+    tags = _dng_tags(path)
+    rows, columns = (int(part) for part in np.broadcast_to(tags.get(BLACK_REPEAT, 1), 2))
+    if BLACK_LEVEL not in tags or tags[BLACK_LEVEL].size != rows * columns or not {rows, columns} <= {1, 2}:
+        return None
+    levels = tags[BLACK_LEVEL].reshape(rows, columns)
+    top, left = tags.get(ACTIVE_AREA, np.zeros(4))[:2].astype(int)
+    found = []
+    for row, column in sites:
+        down, right = corner[0] + row - top, corner[1] + column - left
+        deltas = [
+            tags[tag][parity::2].mean()
+            for tag, parity in ((BLACK_DELTA_V, down % 2), (BLACK_DELTA_H, right % 2))
+            if tag in tags
+        ]
+        found.append(levels[down % rows, right % columns] + sum(deltas))
+    return np.array(found)
+
+
+def _dng_tags(path: Path) -> dict[int, NDArray[np.float64]]:
+    """Return the numbers of a DNG's tags on its black level, fractions divided; none where the file is no DNG."""
+    try:
+        with tifffile.TiffFile(path) as file:
+            if DNG_VERSION not in file.pages[0].tags:
+                return {}
+            pages = [page for first in file.pages for page in (first, *(first.pages or ()))]
+            tags: Any = next((page.tags for page in pages if BLACK_LEVEL in page.tags), {})
+            return {number: _numbers(tags[number]) for number in BLACK_TAGS if number in tags}
+    except (OSError, ValueError, tifffile.TiffFileError):
+        return {}
+
+
+def _numbers(tag: Any) -> NDArray[np.float64]:
+    """Return the values of a TIFF tag, which may be numerators and denominators in turn."""
+    values = np.atleast_1d(np.array(tag.value, float))
+    rational = tag.dtype in (tifffile.DATATYPE.RATIONAL, tifffile.DATATYPE.SRATIONAL)
+    return values[::2] / np.maximum(values[1::2], 1) if rational else values
+
+
+def _border(full: NDArray[np.uint16], sizes: Any, sites: Sequence[tuple[int, int]]) -> NDArray[np.float64] | None:
+    """Return the mean of each kind of site above and left of the lit part, where its lines agree.
+
+    Lines at the rim of a sensor, and those beside the picture, are often neither dark nor lit. So a line counts only
+    where its mean is that of the others. Whether the border is dark at all, a bracket alone can tell.
+    """
+    found = []
+    for row, column in sites:
+        above = full[row : sizes.top_margin : 2, column::2]
+        beside = full[sizes.top_margin + (row - sizes.top_margin) % 2 :: 2, column : sizes.left_margin : 2].T
+        lines = [line for part in (above, beside) for line in part if line.size >= LEAST_LINE]
+        if not lines:
+            return None
+        middles = np.array([np.median(line) for line in lines])
+        means = np.array([_middle(line) for line in lines])
+        deviation = 1.4826 * np.median(np.abs(np.concatenate(lines) - np.median(np.concatenate(lines)))) + 0.3
+        allowed = 6 * deviation / np.sqrt([line.size for line in lines]) + ALIKE
+        alike = np.abs(means - np.median(middles)) <= allowed
+        used = np.concatenate([line for line, use in zip(lines, alike, strict=True) if use] or [np.empty(0)])
+        if used.size < LEAST_MASK:
+            return None
+        found.append(_middle(used))
+    return np.array(found)
+
+
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """Open a file with LibRaw, whose errors become `InputError`s that name the file."""
+def _opened(path: Path, header: bool = False) -> Iterator[Any]:
+    """Open a file with LibRaw, whose errors become `InputError`s that name the file; its header alone if asked."""
     import rawpy
 
     try:
-        with rawpy.imread(str(path)) as raw:
+        with rawpy.RawPy() as raw:
+            raw.open_file(str(path))
+            if not header:
+                raw.unpack()
             yield raw
     except (rawpy.LibRawError, KeyError) as error:
         message = error.args[0].decode() if error.args and isinstance(error.args[0], bytes) else error
-        raise InputError(f"{path}: cannot be read as RAW ({message}); copy it from the camera again") from None
+        said = "it is cut off" if "Input/output" in str(message) else message
+        raise InputError(f"{path}: cannot be read as RAW ({said}); copy it from the camera again") from None
+
+
+LEAST_LINE = 8
+"""Fewest sites of a kind in a line of the border that has a mean of its own: a choice."""
+ALIKE = 0.5
+"""Difference in counts of two lines' means, beyond their noise, up to which they are alike: a choice."""
 
 
 def _middle(counts: NDArray[np.uint16]) -> float:

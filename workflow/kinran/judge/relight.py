@@ -11,7 +11,8 @@ from kinran.base.exr import write_rgb
 from kinran.base.files import InputError
 from kinran.base.log import progress
 from kinran.data import metrics, photographs
-from kinran.data.lights import LpLight, directions, read_lp
+from kinran.data.light_files import read_lights
+from kinran.data.lights import LpLight, directions
 from kinran.data.radiance import Image
 from kinran_bsdf.material import Material, read_material
 from kinran_bsdf.relight import relight
@@ -33,7 +34,7 @@ def main(inputs: Inputs, out: Annotated[Path, "--out DIR", "folder for one EXR a
         material = read_material(inputs.material)
     except (ValueError, OSError) as error:
         raise InputError(str(error)) from None
-    lights = read_lp(inputs.lights)
+    lights = read_lights(inputs.lights).lights
     found = photographs.find(inputs.against, lights) if inputs.against else {}
     batches = (lights[start : start + BATCH] for start in range(0, len(lights), BATCH))
     images = (image for batch in batches for image in relight(material, directions(batch)))

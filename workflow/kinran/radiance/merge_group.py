@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinran.base.distances import relative_light
 from kinran.base.files import InputError, sha256, write_json
@@ -56,10 +57,10 @@ def main(inputs: Inputs, out: Outputs) -> None:
         raise InputError(f"{inputs.manifest}: has no shot of light '{missing[0]}'; capture the group again")
     used = [plan.lights[index] for index in wanted]
     gains = None if plan.on_rig else distance_gains(shots, plan)
-    seen = without_colours(calibration)
+    evened, seen = relative_intensities(plan), without_colours(calibration)
 
     def merge() -> dict[str, Any]:
-        merged = merge_lights(inputs.manifest, shots, used, seen, gains, out.stack)
+        merged = merge_lights(inputs.manifest, shots, used, seen, gains, evened, out.stack)
         log.info("group %s: %d lights merged", group, len(used))
         return merged
 
@@ -69,7 +70,7 @@ def main(inputs: Inputs, out: Outputs) -> None:
         merged = made(
             f"group {group}",
             "kinran.radiance.merge_group",
-            lambda: (contents(shots), used, seen, gains),
+            lambda: (contents(shots), used, seen, gains, evened),
             files,
             merge,
         )
@@ -112,6 +113,7 @@ def merge_lights(
     lights: list[PlanLight],
     calibration: Calibration,
     gains: dict[str, float] | None,
+    evened: dict[int, NDArray[np.float32]],
     stack: Path,
 ) -> dict[str, Any]:
     """Write the shards of lights, which are whole shards in their order.
@@ -128,6 +130,8 @@ def merge_lights(
         Calibration of the capture.
     gains
         Relative light of the lamp at each shot, by name; None to measure it (`measure_gains`).
+    evened
+        Light (3,) of the lamps beside their mean, by index of the light (`relative_intensities`).
     stack
         Folder of the stack.
 
@@ -145,6 +149,8 @@ def merge_lights(
         with ShardWriter(stack, calibration.height, calibration.width) as writer:
             for light in (light for light in lights if light.index // SHARD == shard):
                 picture = merge_shot(by_light[light.index], calibration, gains, light.theta, light.phi)
+                if light.index in evened:
+                    picture = picture.with_value(picture.value / evened[light.index])
                 writer.add(picture)
                 saturated += int(np.count_nonzero(picture.has(SATURATED)))
                 samples += picture.flags.size
@@ -160,6 +166,16 @@ def distance_gains(shots: list[Taken], plan: Plan) -> dict[str, float]:
     known = len(positions) == len(plan.lights)
     gains = relative_light(positions) if known else np.ones(len(plan.lights))
     return {shot.shot: float(gains[shot.light or 0]) for shot in shots}
+
+
+def relative_intensities(plan: Plan) -> dict[int, NDArray[np.float32]]:
+    """Return the light (3,) of each lamp in R, G, B relative to their mean, by index; empty where all are alike."""
+    stated = [light.intensity for light in plan.lights]
+    known = [value for value in stated if value is not None]
+    if len(known) < len(stated):
+        return {}
+    values = np.array(known, np.float64)
+    return dict(enumerate((values / values.mean(0)).astype(np.float32)))
 
 
 def measure_gains(shots: list[Taken], calibration: Calibration, manifest: Path) -> dict[str, float]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated
 
 from kinran.base.files import InputError
-from kinran.data.photographs import SUFFIXES
+from kinran.data.photographs import is_picture
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def find_views(folder: Path) -> list[Path]:
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; give the folder of the session's views")
-    views = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    views = sorted(path for path in folder.iterdir() if is_picture(path))
     for path in views:
         if not re.fullmatch(r"[\w.-]+", path.name, re.ASCII):
             raise InputError(f"{path}: use only letters, digits, _, - and . in the name")

@@ -17,7 +17,7 @@ from kinran.base.sheets import each_row
 from kinran.capture import grid
 from kinran.capture.assembly import CALIBRATION
 from kinran.data.capture_plan import list_group_names, read_plan
-from kinran.data.lights import lp_file, read_lp
+from kinran.data.light_files import find_lights
 from kinran.run.config import check, own_settings, read_schema, rig_directions, sheet_of
 
 OF_PHOTOGRAPHS = ("lamp_mm", "field_mm", "camera_mm", "chart", "chart_corners", "lamp")
@@ -59,6 +59,8 @@ class FabricRow:
         Name of the fabric and of its folders.
     folder
         Folder of its photographs; None where it lies on the rig.
+    lp
+        File of the lights of its photographs; None where it lies beside them.
     encoding, crop
         Encoding and crop of the photographs.
     regions
@@ -81,6 +83,7 @@ class FabricRow:
 
     name: str
     folder: Path | None
+    lp: Path | None
     encoding: str
     crop: str
     regions: int | None
@@ -102,6 +105,11 @@ class FabricRow:
         """Scan of the cloth; None for a generated one."""
         scan = self.settings["scene"]["scan"]
         return None if scan == GENERATED else Path(scan)
+
+    @property
+    def lp_option(self) -> str:
+        """Options of `kinran ingest` for the file of lights."""
+        return f"--lp {shlex.quote(str(self.lp))}" if self.lp else ""
 
     @property
     def region_option(self) -> str:
@@ -271,6 +279,7 @@ def _on_rig(row: SheetRow) -> FabricRow:
     return FabricRow(
         name=cells["fabric"],
         folder=None,
+        lp=None,
         encoding="",
         crop="",
         regions=_regions(row),
@@ -297,7 +306,8 @@ def _of_photographs(row: SheetRow) -> FabricRow:
     )
     if chart.file is None and (chart.corners or chart.lamp):
         raise InputError(f"{row.where}: chart: has none; name its photograph, or leave its corners and its lamp empty")
-    count = _count_lights(row, folder)
+    lp = Path(cells["lp"]) if cells.get("lp") else None
+    count = _count_lights(row, folder, lp)
     if chart.file and not (chart.file.is_file() or Path("results", name, "calibration.json").is_file()):
         raise InputError(f"{row.where}: chart: {chart.file} is no file; correct it")
     groups = tuple(list_group_names(count))
@@ -307,6 +317,7 @@ def _of_photographs(row: SheetRow) -> FabricRow:
     return FabricRow(
         name=name,
         folder=folder,
+        lp=lp,
         encoding=encoded,
         crop=cells["crop"],
         regions=_regions(row),
@@ -320,10 +331,10 @@ def _of_photographs(row: SheetRow) -> FabricRow:
     )
 
 
-def _count_lights(row: SheetRow, folder: Path) -> int:
+def _count_lights(row: SheetRow, folder: Path, lp: Path | None) -> int:
     """Return the number of a set's lights; where its folder is gone, that of what was captured of it."""
     try:
-        return len(read_lp(lp_file(folder)))
+        return len(find_lights(folder, lp).lights)
     except (InputError, OSError) as error:
         captured = Path("captures", row.cells["fabric"], "plan.json")
         if captured.is_file():

@@ -132,10 +132,10 @@ def _texels(fabric: FabricRow, captures: Path) -> int:
 def _frame(fabric: FabricRow, captures: Path) -> Path | None:
     """Return a frame of a fabric: of its photographs, or of what was captured."""
     if fabric.folder is not None:
-        from kinran.data import lights, photographs
+        from kinran.data import light_files, photographs
 
         try:
-            frames = photographs.find_frames(fabric.folder, lights.read_lp(lights.lp_file(fabric.folder)))
+            frames = photographs.find_frames(fabric.folder, light_files.find_lights(fabric.folder, fabric.lp).lights)
         except InputError:
             return None
         return next(iter(frames.values()))[0]

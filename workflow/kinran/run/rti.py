@@ -1,4 +1,4 @@
-"""Run the pipeline on a folder of photographs with a `.lp` file: material, evaluation, render, report."""
+"""Run the pipeline on a folder of photographs with known lights: material, evaluation, render, report."""
 
 import os
 import re
@@ -20,7 +20,7 @@ WORK = ".kinran"
 
 @dataclass(frozen=True)
 class Inputs:
-    folder: Annotated[Path, "FOLDER", "photographs (JPEG, PNG, TIFF, EXR) and one .lp"]
+    folder: Annotated[Path, "FOLDER", "photographs of any kind, and one .lp"]
     chart: Annotated[
         Path | None,
         "--chart FILE",
@@ -85,6 +85,7 @@ def prepare(inputs: Inputs, out: Path, options: Options) -> Path:
             "chart": str(inputs.chart.resolve()) if inputs.chart else "",
             "chart_corners": options.chart_corners,
             "lamp": options.lamp,
+            "lp": str(options.lp.resolve()) if options.lp else "",
         }
         rows = ["\t".join(row), "\t".join(row.values())]
         (work / "config" / "fabrics.tsv").write_text("\n".join(rows) + "\n", encoding="utf-8")

@@ -1,0 +1,241 @@
+"""Files of a set's lights: `.lp`, as domes and RTI programs write it, and the directions of a photometric set."""
+
+import math
+import re
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+
+from kinran.base.files import InputError
+from kinran.data.lights import LpLight
+
+SUFFIX = re.compile(r"[.][A-Za-z]{3,4}[\"']?$")
+"""Pattern of an image's suffix at the end of a word."""
+DECIMAL_COMMA = re.compile(r"^[+-]?\d*,\d+([eE][+-]?\d+)?$")
+"""Pattern of a number that is written with a comma, as many countries do."""
+DIRECTIONS, NAMES, INTENSITIES = "light_directions.txt", "filenames.txt", "light_intensities.txt"
+"""Files of a photometric set (DiLiGenT): directions, the images in their order, and the light of each lamp."""
+PROJECT = ("assembly-files", "lp", "LP")
+"""Folders where projects keep their `.lp` (RTIBuilder, RelightLab), where none lies beside the photographs."""
+
+
+@dataclass(frozen=True)
+class LightFile:
+    """The lights that a file states.
+
+    Attributes
+    ----------
+    path
+        The file.
+    lights
+        Its lights over the horizon, in its order.
+    remarks
+        Sentences on what was taken in a way that the file does not state.
+    """
+
+    path: Path
+    lights: list[LpLight]
+    remarks: list[str] = field(default_factory=list)
+
+
+def find_lights(folder: Path, given: Path | None = None) -> LightFile:
+    """Read the lights of a folder of photographs, or those of a file that is given.
+
+    Raises
+    ------
+    InputError
+        The folder is missing, has no file of lights, or several, or the file is wrong.
+    """
+    path = given or lights_file(folder)
+    return read_directions(path) if path.name == DIRECTIONS else read_lights(path)
+
+
+def lights_file(folder: Path) -> Path:
+    """Return the only `.lp` file of a folder, or of its project's folder of such files, or its file of directions.
+
+    Raises
+    ------
+    InputError
+        The folder is missing, or has none or several.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; give the folder of the photographs")
+    for place in (folder, *(folder / name for name in PROJECT)):
+        found = sorted(path for path in place.glob("*") if path.suffix.lower() == ".lp" and not _hidden(path))
+        if len(found) > 1:
+            raise InputError(f"{place}: has {found[0].name} and {found[1].name}; keep one .lp file, or give --lp FILE")
+        if found:
+            return found[0]
+    if (folder / DIRECTIONS).is_file():
+        return folder / DIRECTIONS
+    raise InputError(
+        f"{folder}: has no .lp file; add one with the number of lights and 'file x y z' for each, or give --lp FILE"
+    )
+
+
+def _hidden(path: Path) -> bool:
+    """Return whether a file is what macOS keeps beside another (``._NAME``), or hidden otherwise."""
+    return path.name.startswith(".")
+
+
+def read_lights(path: Path) -> LightFile:
+    """Read a `.lp` file: the number of lights, then a line ``file x y z`` for each.
+
+    File names may hold spaces, quotes and folders (either slash); folders of another machine are ignored. Lines that
+    begin with # are comments. Vectors may have any length, which is kept beside their direction, and decimal commas.
+    The number may be missing. Lights at or under the horizon are left out, with a remark; where all are under it, z
+    points away from the camera, and is turned.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, the count is wrong, a vector is zero or not finite, a line has more numbers than a
+        vector, or a name stands twice.
+    """
+    try:
+        lines = _text(path.read_bytes()).splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read ({error}); give a text file of light positions") from None
+    numbered = [(number, line.split()) for number, line in enumerate(lines, 1) if line.strip()]
+    rows = [(number, words) for number, words in numbered if not words[0].startswith("#") or _vector(words[-3:])]
+    remarks = []
+    if rows and len(rows[0][1]) == 1 and rows[0][1][0].isdigit():
+        count, rows = int(rows[0][1][0]), rows[1:]
+        if count != len(rows):
+            raise InputError(f"{path}: the first line says {count} lights but {len(rows)} follow; correct one")
+    elif rows and len(rows[0][1]) > 3 and _vector(rows[0][1][-3:]):
+        remarks.append(f"{path}: does not begin with the number of lights; all {len(rows)} lines are taken")
+    else:
+        raise InputError(f"{path}: the first line is not the number of lights; a .lp starts with it")
+    named: list[tuple[PurePosixPath, tuple[float, float, float]]] = []
+    seen: dict[str, int] = {}
+    for number, words in rows:
+        file, vector = _parse(path, number, words)
+        if file.stem in seen:
+            raise InputError(
+                f"{path}: line {number} names '{file.stem}' again (first in line {seen[file.stem]});"
+                " give each image one light"
+            )
+        seen[file.stem] = number
+        named.append((file, vector))
+    return _over_horizon(path, named, remarks)
+
+
+def read_directions(path: Path) -> LightFile:
+    """Read the directions of a photometric set: a line ``x y z`` for each image of ``filenames.txt``.
+
+    Raises
+    ------
+    InputError
+        A file is missing or wrong, or their lines differ in number.
+    """
+    rows = _table(path)
+    names_file = path.with_name(NAMES)
+    names = [line.strip() for line in _lines(names_file) if line.strip()]
+    if len(names) != len(rows):
+        raise InputError(f"{path}: has {len(rows)} lights but {NAMES} {len(names)} images; correct one")
+    named = [(PurePosixPath(name), (x, y, z)) for name, (x, y, z) in zip(names, rows, strict=True)]
+    found = _over_horizon(path, named, [])
+    intensities = path.with_name(INTENSITIES)
+    if not intensities.is_file():
+        return found
+    light = dict(zip(names, _table(intensities), strict=False))
+    if len(light) != len(names):
+        raise InputError(f"{intensities}: has {len(light)} lines for {len(names)} images; correct it")
+    lights = [LpLight(a.name, a.direction, a.file, a.folder, a.length, a.base, light[a.file]) for a in found.lights]
+    return LightFile(path, lights, found.remarks)
+
+
+def _table(path: Path) -> list[tuple[float, float, float]]:
+    """Return the numbers of a file with three in each line."""
+    rows = []
+    for number, line in enumerate(_lines(path), 1):
+        if not line.strip():
+            continue
+        vector = _vector(line.split())
+        if vector is None or not all(map(math.isfinite, vector)):
+            raise InputError(f"{path}: line {number} is not three numbers: {line.strip()!r}")
+        rows.append(vector)
+    return rows
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        return _text(path.read_bytes()).splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read ({error}); a set with {DIRECTIONS} has it") from None
+
+
+def _text(data: bytes) -> str:
+    """Decode UTF-8, UTF-16 with a byte order mark, or else Windows-1252."""
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return data.decode("utf-16")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252")
+
+
+def _vector(words: list[str]) -> tuple[float, float, float] | None:
+    """Return three words as numbers, which may have decimal commas; None where they are none."""
+    if any(DECIMAL_COMMA.match(word) for word in words):
+        words = [word.replace(",", ".") if DECIMAL_COMMA.match(word) else word for word in words]
+    try:
+        x, y, z = (float(word) for word in words)
+    except ValueError:
+        return None
+    return x, y, z
+
+
+def _parse(path: Path, number: int, words: list[str]) -> tuple[PurePosixPath, tuple[float, float, float]]:
+    """Return the image of a line and its vector."""
+    given = PurePosixPath(" ".join(words[:-3]).strip("\"'").replace("\\", "/"))
+    vector = _vector(words[-3:])
+    if not given.name or vector is None:
+        raise InputError(f"{path}: line {number} is not 'file x y z': {' '.join(words)!r}")
+    if any(SUFFIX.search(word) for word in words[:-4]) and _vector(words[-4:-1]):
+        raise InputError(f"{path}: line {number} has more than three numbers: {' '.join(words)!r}; give 'file x y z'")
+    length = math.hypot(*vector)
+    if not math.isfinite(length) or length == 0:
+        x, y, z = vector
+        raise InputError(f"{path}: line {number} ({given.name}) has the light vector {x} {y} {z}; give a direction")
+    return given, vector
+
+
+def _over_horizon(
+    path: Path, named: list[tuple[PurePosixPath, tuple[float, float, float]]], remarks: list[str]
+) -> LightFile:
+    """Return lights over the horizon; those under it are left out or, where all are, turned.
+
+    Raises
+    ------
+    InputError
+        There are none.
+    """
+    turn = 1.0
+    if named and all(z < 0 for _, (_, _, z) in named):
+        turn = -1.0
+        remarks = [*remarks, f"{path}: every light has a negative z; z is taken to point away from the camera"]
+    lights, under = [], []
+    for given, (x, y, z) in named:
+        if turn * z <= 0:
+            under.append(given.name)
+            continue
+        length = math.hypot(x, y, z)
+        beside = not given.is_absolute() and ":" not in str(given) and len(given.parts) > 1
+        folder = str(given.parent) if beside else ""
+        unit = (x / length, y / length, turn * z / length)
+        lights.append(LpLight(given.stem, unit, given.name, folder, length, path.parent))
+    if not lights:
+        raise InputError(f"{path}: has no light over the horizon; z points to the camera")
+    if under:
+        some = ", ".join(under[:3]) + (", …" if len(under) > 3 else "")
+        plural = "light is" if len(under) == 1 else "lights are"
+        remarks = [*remarks, f"{path}: {len(under)} {plural} at or under the horizon and left out ({some})"]
+    return LightFile(path, lights, remarks)
+
+
+def write_lp(path: Path, lights: list[LpLight]) -> None:
+    """Write a `.lp` file: directions times lengths."""
+    vectors = [[light.length * part for part in light.direction] for light in lights]
+    rows = [f"{a.file or a.name} {' '.join(f'{part:.9f}' for part in v)}" for a, v in zip(lights, vectors, strict=True)]
+    path.write_text("\n".join([str(len(lights)), *rows]) + "\n", encoding="utf-8")
