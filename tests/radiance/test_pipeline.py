@@ -192,7 +192,8 @@ def test_a_lamp_that_jumps_within_a_bracket_bends_nothing(capture: Capture, cali
     shots = {shot.shot: shot for shot in read_manifest(capture.manifest("00"), capture.plan)}
     bracket = read_bracket(shots["t20_p000"])
     planes = bracket.planes.copy()
-    brighter = (planes[1] - bracket.black[1]) * 1.02 + bracket.black[1]
+    black = bracket.black[1][:, None, None]
+    brighter = (planes[1] - black) * 1.02 + black
     planes[1] = np.where(planes[1] < planes.max(), np.minimum(brighter.round(), planes.max()), planes[1])
     jumped = replace(bracket, planes=planes)
     camera = calibration.camera
