@@ -12,7 +12,7 @@ from kinran.data.raw import read_raw
 
 SITES = {"R": (0, 0), "G1": (0, 1), "G2": (1, 0), "B": (1, 1)}
 DARK = 3e3
-"""Electrons a second of dark cloth, of which a black level that is one count off takes or gives a twelfth."""
+"""Electrons a second of dark cloth, of which a black level that is one count off takes or gives a tenth at 1/25 s."""
 
 
 def frames(
@@ -66,7 +66,7 @@ BY_ROW = [(50714, "H", 1, 254, True), (50716, "2i", 128, [0, 1, 4, 1] * 64, True
     ],
 )
 def test_what_a_dng_states(tmp_path: Path, black: np.ndarray, tags: list[tuple[int, str, int, object, bool]]) -> None:
-    """To 0.05 counts, and dark cloth to 2 %; LibRaw's whole numbers, or a mean of the sites, are 3 to 20 % off."""
+    """To 0.05 counts, and dark cloth to 2 %."""
     paths, electrons = frames(tmp_path, black, tags)
     stated = read_raw(paths[0]).black
     np.testing.assert_allclose(stated, [black[site] for site in SITES.values()], atol=0.05)
