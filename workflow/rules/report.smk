@@ -39,7 +39,7 @@ rule overview:
     input:
         errors=expand("results/{fabric}/evaluation.json", fabric=fabrics),
         reports=expand("results/{fabric}/report.html", fabric=fabrics),
-        failures=failures.FILE,
+        failures="results/failures.json",
     output:
         report("results/report.html", category="Overview"),
     log:
