@@ -11,7 +11,7 @@ from kinran.run.config import (
     sheet_of,
 )
 from kinran.run.fabrics import read_fabrics
-from kinran.run import failures, resources, void
+from kinran.run import failures, progress, resources, void
 from kinran.base.files import InputError
 from snakemake.exceptions import WorkflowError
 from snakemake.logging import logger
@@ -41,9 +41,14 @@ models = sorted({model for fabric in fabrics.values() for model in fabric.models
 # a job of the chart for each kind of method: a new file is a new job, and no other runs again
 kinds = sorted(p.stem for p in PACKAGES["kinran"].glob("compare/methods/[a-z]*.py"))
 watch = failures.Watch(place)
+# (rules of a module may have other names)
+stages = {
+    workflow.modifier.modify_rulename(s): s for s in [*resources.COSTS, "capture"]
+}
 # shards of a group are no outputs that Snakemake knows. Where one is gone, what says that it is there goes, too
 if workflow.is_main_process:
     logger.addHandler(watch)
+    logger.addHandler(progress.Progress(lambda: jobs_of_run()))
     for fabric in fabrics:
         void.remove_void(place / "results" / fabric)
     for says in left_out.values():
@@ -96,6 +101,39 @@ def runtime_of(stage, jobs=lambda wildcards: 1):
     return lambda wildcards, attempt, threads: resources.minutes(
         stage, size_of(wildcards.fabric), attempt, threads * jobs(wildcards)
     )
+
+
+def predicted(job):
+    """Return the seconds of a job; 0 where it only gathers files, None where it is of another workflow."""
+    if job.is_norun:
+        return 0
+    stage = stages.get(job.rule.name)
+    if stage is None:
+        return None
+    if stage == "overview":
+        return resources.seconds(stage, resources.Size(0, 0), 1)
+    fabric = job.wildcards.fabric
+    if stage == "capture":
+        return resources.capture_seconds(
+            fabrics[fabric], job.threads, place / "captures"
+        )
+    jobs = jobs_of(job.wildcards) if stage == "fit" else 1
+    return resources.seconds(stage, size_of(fabric), job.threads, jobs)
+
+
+def jobs_of_run():
+    """Return the jobs of a run by their ids, and the cores or jobs that there are at a time."""
+    dag, here = workflow.dag, workflow.local_exec
+    found = {
+        job.jobid: progress.Job(
+            job.rule.name,
+            predicted(job),
+            job.threads if here else 1,
+            frozenset(before.jobid for before in dag.dependencies[job]),
+        )
+        for job in dag.needrun_jobs()
+    }
+    return found, workflow.cores if here else workflow.nodes
 
 
 def manifests(wildcards):

@@ -24,6 +24,11 @@ LEAST_MINUTES = 10
 """Shortest time that a job asks for: the start of Snakemake and of a stage on a cold file system. A choice."""
 MOST_THREADS = 8
 """Most threads of a stage: more hardly speed up stages of a minute, and wait longer for a free node. A choice."""
+VIRTUAL_S, VIRTUAL_SHOT_S, VIRTUAL_RAYS_S = 5, 0.1, 1
+"""CPU seconds of a group on the virtual rig: of its start, of a light, and of a million of its rays (texels × samples).
+From the demo, 64 lights of 0.2 million in 25 s, and the tiny fabric of `.test`, 17 of 0.002 in 7.5."""
+SHOT_S = 10
+"""Seconds of a light on a real rig before there is a plan, which says more exactly. A choice."""
 WHOLE_MACHINE = 1024
 """Threads of a job that wants the machine for itself: Snakemake cuts them to the cores that it was given."""
 
@@ -76,6 +81,7 @@ class Cost:
 
 
 COSTS = {
+    "plan": Cost(80, seconds=1),
     "ingest": Cost(80, 36),
     "ingest_group": Cost(80),
     "calibrate": Cost(240, 54),
@@ -97,6 +103,7 @@ COSTS = {
     "scene": Cost(150, 80),
     "render": Cost(250, 200, 0, 80, threaded=True),
     "report": Cost(400, 300, 0, 10, 5),
+    "overview": Cost(100, seconds=1),
     "chart_kind": Cost(1500, 0, 1, 200),
     "chart_default": Cost(1500, 0, 1, 200),
     "chart_regions": Cost(600, 200, 0, 60),
@@ -145,6 +152,24 @@ def _frame(fabric: FabricRow, captures: Path) -> Path | None:
         except (OSError, ValueError, LookupError):
             continue
     return None
+
+
+def seconds(stage: str, size: Size, threads: int, jobs: int = 1) -> float:
+    """Predicted time of a job, of which so many share the work of a stage, on idle cores."""
+    cost = COSTS[stage]
+    return cost.time(size) / (threads if cost.threaded else 1) / jobs
+
+
+def capture_seconds(fabric: FabricRow, threads: int, captures: Path = Path("captures")) -> float:
+    """Predicted time of a capture's group: of the virtual camera, whose cost was measured, or as the plan has it."""
+    groups = len(fabric.all_groups)
+    if fabric.settings["rig"]["device"] == "virtual":
+        rays = int(fabric.settings["virtual"]["texels"]) ** 2 * int(fabric.settings["virtual"]["samples"]) * 1e-6
+        return (VIRTUAL_S + fabric.lights / groups * (VIRTUAL_SHOT_S + VIRTUAL_RAYS_S * rays)) / min(threads, 2)
+    try:
+        return float(json.loads((captures / fabric.name / "plan.json").read_bytes())["duration_s"]) / groups
+    except (OSError, ValueError, LookupError):
+        return fabric.lights / groups * SHOT_S
 
 
 def threads(stage: str, size: Size) -> int:
