@@ -7,6 +7,9 @@ min_version("9.14")
 configfile: "config.yaml"
 
 
+report: "workflow/report/workflow.rst"
+
+
 # used with `--sdm apptainer` alone, after container/kinran.def was built (docs/cluster.md)
 container: f"{ROOT}/container/kinran.sif"
 

@@ -73,6 +73,14 @@ def given(path):
     return local(str(path)) if path else []
 
 
+def shown(path, what):
+    """Return an output of a fabric that `snakemake --report` shows under its name, with the caption of that name."""
+    caption = f"../report/{Path(path).stem.split('.')[-1]}.rst"
+    return report(
+        path, caption=caption, category="Fabric {fabric}", labels={"shows": what}
+    )
+
+
 def settings(wildcards):
     """Return the settings of a fabric: those of the config, with what it has of its own."""
     return fabrics[wildcards.fabric].settings

@@ -54,7 +54,7 @@ rule choice:
         regions=fitted("regions.json"),
     output:
         choice="results/{fabric}/fit/choice.json",
-        picture="results/{fabric}/fit/choice.png",
+        picture=shown("results/{fabric}/fit/choice.png", "choice of lobes"),
     log:
         "logs/{fabric}/choice.log",
     benchmark:
@@ -195,7 +195,7 @@ rule sigma:
     output:
         maps="results/{fabric}/fit/slope.sigma.exr",
         summary="results/{fabric}/fit/slope.sigma.json",
-        picture="results/{fabric}/fit/slope.sigma.png",
+        picture=shown("results/{fabric}/fit/slope.sigma.png", "uncertainty"),
     log:
         "logs/{fabric}/sigma.log",
     benchmark:
@@ -244,7 +244,7 @@ rule evaluate:
         ),
     output:
         errors="results/{fabric}/evaluation.json",
-        picture="results/{fabric}/evaluation.png",
+        picture=shown("results/{fabric}/evaluation.png", "held-out lights"),
     log:
         "logs/{fabric}/evaluate.log",
     benchmark:
