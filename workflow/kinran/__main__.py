@@ -9,6 +9,7 @@ from types import ModuleType
 from kinran.base import command_line as words
 from kinran.base.files import InputError
 from kinran.base.log import to_stderr
+from kinran.base.stand_ins import StandIns
 
 log = logging.getLogger("kinran")
 
@@ -76,6 +77,8 @@ def main(argv: list[str] | None = None) -> int:
     if name not in ALL:
         top().parse_args(argv)
     to_stderr()
+    if {"-h", "--help"} & set(argv):
+        sys.meta_path.insert(0, StandIns())
     stage = importlib.import_module(ALL[name][0])  # only the stage that runs is imported
     parser = parser_of(name, stage)
     try:
