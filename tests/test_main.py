@@ -69,6 +69,7 @@ def test_help_is_the_same_without_the_packages_that_take_seconds_to_load(monkeyp
     monkeypatch.setenv("COLUMNS", "100")
     program = """
 import importlib, json, sys
+from kinran.base.stand_ins import StandIns
 from kinran.__main__ import ALL, parser_of
 sys.meta_path.insert(0, StandIns())
 print(json.dumps({name: parser_of(name, importlib.import_module(ALL[name][0])).format_help() for name in ALL}))

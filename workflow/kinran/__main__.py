@@ -30,6 +30,7 @@ COMMANDS = {
     "verify": ("kinran.run.verify", "check captures and results for damage, and say what to run"),
     "bench": ("kinran.run.bench", "measure speed and accuracy"),
     "test": ("kinran.run.test", "run the tests"),
+    "compile": ("kinran.run.compile", "compile what stages run, once for an installation"),
     "doctor": ("kinran.run.doctor", "check this machine and say what to do"),
 }
 """Commands of users: the module of each, and what it does."""
