@@ -15,7 +15,8 @@ compiled = [f.signatures for f in called]
 plan, calibration = ["--plan", "captures/tiny/plan.json"], "results/tiny/calibration.json"
 manifest = "captures/tiny/groups/{}.json".format
 main(["calibrate", "again.json", *plan, "--manifests", manifest("calibration")])
-main(["merge-group", *plan, "--calibration", calibration, "--manifest", manifest("00"), "--receipt", "00.json", "s.zarr"])
+inputs = [*plan, "--calibration", calibration, "--manifest", manifest("00")]
+main(["merge-group", *inputs, "--receipt", "00.json", "s.zarr"])
 print([f.__name__ for f, known in zip(called, compiled) if f.signatures != known or not f.stats.cache_hits])
 """
 
