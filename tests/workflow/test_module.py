@@ -40,7 +40,7 @@ def test_all_that_is_made_lies_under_the_prefix_and_what_users_name_lies_where_t
             config["scene"].update(scan="cloth.ply"),
         )
     )
-    directions = [f"{theta}\t{phi}" for theta in (0, 20, 40, 60) for phi in range(0, 360, 20)]
+    directions = [f"{theta}\t{phi}" for theta in (10, 20, 40, 60) for phi in range(0, 360, 20)]
     (project.folder / "sheet.tsv").write_text("\n".join(["theta\tphi", *directions]) + "\n")
     (project.folder / "cloth.ply").touch()
     (project.folder / "set").mkdir()
@@ -52,7 +52,7 @@ def test_all_that_is_made_lies_under_the_prefix_and_what_users_name_lies_where_t
     done = project.snakemake("--dry-run", "--printshellcmds", "kinran_all", "kinran_chart", snakefile=snakefile)
     assert done.returncode == 0, done.stdout + done.stderr
     commands = [line for line in done.stdout.splitlines() if "python -m kinran" in line or "Shell command: cp " in line]
-    assert len({word for line in commands for word in re.findall(r"-m kinran (\S+)", line)}) == 25
+    assert len({word for line in commands for word in re.findall(r"-m kinran (\S+)", line)}) == 28
     for line in commands:
         assert re.search(r"(?<!textiles/)\b(results|captures|logs)/", line) is None, line
     text = "\n".join(commands)

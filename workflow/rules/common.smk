@@ -123,7 +123,7 @@ def predicted(job):
     fabric = job.wildcards.fabric
     if stage == "capture":
         return resources.capture_seconds(
-            fabrics[fabric], job.threads, place / "captures"
+            fabrics[fabric], job.wildcards.group, job.threads, place / "captures"
         )
     jobs = jobs_of(job.wildcards) if stage == "fit" else 1
     return resources.seconds(stage, size_of(fabric), job.threads, jobs)
