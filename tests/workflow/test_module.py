@@ -58,7 +58,12 @@ def test_all_that_is_made_lies_under_the_prefix_and_what_users_name_lies_where_t
     text = "\n".join(commands)
     for named in ("--template small.xml", "cp cloth.ply ", "--directions sheet.tsv", "--chart set/chart.png"):
         assert named in text
-    for derived in ("results/tiny/radiance.zarr", "results/tiny/needed", "results/tiny/need.json", "fit/choice.json"):
+    for derived in (
+        "results/tiny/radiance.zarr",
+        "results/tiny/needed",
+        "results/tiny/need.json",
+        "results/tiny/fit/choice.json",
+    ):
         assert f"textiles/{derived}" in text
 
 
