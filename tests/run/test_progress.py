@@ -1,6 +1,7 @@
 """How far a run is, and how long it will still take."""
 
 import logging
+import sys
 from enum import Enum, auto
 
 import pytest
@@ -50,6 +51,7 @@ def job(seconds: float | None, *after: int, rule: str = "merge", slots: int = 1)
         ({0: job(10), 1: job(10), 2: job(10, slots=2)}, 2, 20),
         ({0: job(10, slots=2), 1: job(10, slots=8)}, 4, 20),  # cut to the cores that there are
         ({0: job(10, 77)}, 1, 10),  # 77 is done, or was never needed
+        ({0: job(10), 1: job(10)}, sys.maxsize, 10),
         ({}, 2, 0),
     ],
 )

@@ -48,7 +48,7 @@ stages = {
 # shards of a group are no outputs that Snakemake knows. Where one is gone, what says that it is there goes, too
 if workflow.is_main_process:
     logger.addHandler(watch)
-    logger.addHandler(progress.Progress(lambda: jobs_of_run()))
+    logger.addHandler(progress.Progress(lambda: progress.jobs_of(workflow, predicted)))
     for fabric in fabrics:
         void.remove_void(place / "results" / fabric)
     for says in left_out.values():
@@ -127,21 +127,6 @@ def predicted(job):
         )
     jobs = jobs_of(job.wildcards) if stage == "fit" else 1
     return resources.seconds(stage, size_of(fabric), job.threads, jobs)
-
-
-def jobs_of_run():
-    """Return the jobs of a run by their ids, and the cores or jobs that there are at a time."""
-    dag, here = workflow.dag, workflow.local_exec
-    found = {
-        job.jobid: progress.Job(
-            job.rule.name,
-            predicted(job),
-            job.threads if here else 1,
-            frozenset(before.jobid for before in dag.dependencies[job]),
-        )
-        for job in dag.needrun_jobs()
-    }
-    return found, workflow.cores if here else workflow.nodes
 
 
 def manifests(wildcards):

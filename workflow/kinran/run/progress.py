@@ -13,6 +13,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 EVERY_S = 10.0
 """Seconds between two lines, at least. A choice: jobs of a tiny fabric finish in less."""
@@ -38,6 +39,29 @@ class Job:
     seconds: float | None
     slots: int
     after: frozenset[int]
+
+
+def jobs_of(workflow: Any, predicted: Callable[[Any], float | None]) -> tuple[dict[int, Job], int]:
+    """Return the jobs that Snakemake is about to do by their ids, and the cores or jobs that there are at a time.
+
+    Parameters
+    ----------
+    workflow
+        Snakemake's workflow.
+    predicted
+        Returns the seconds of a job of Snakemake's, and None where nobody can say.
+    """
+    dag, here = workflow.dag, workflow.local_exec
+    found = {
+        job.jobid: Job(
+            job.rule.name,
+            predicted(job),
+            job.threads if here else 1,
+            frozenset(before.jobid for before in dag.dependencies[job]),
+        )
+        for job in dag.needrun_jobs()
+    }
+    return found, workflow.cores if here else workflow.nodes
 
 
 class Progress(logging.Handler):
@@ -140,6 +164,7 @@ def schedule(jobs: Mapping[int, tuple[float, Job]], slots: int, failed: set[int]
             followers[other].append(key)
     ready = [(0.0, key) for key in jobs if not waits[key] and key not in failed]
     heapq.heapify(ready)
+    slots = max(1, min(slots, sum(job.slots for _, job in jobs.values())))  # there may be any number of nodes
     free, end = [0.0] * slots, 0.0
     while ready:
         since, key = heapq.heappop(ready)
