@@ -70,8 +70,7 @@ class Progress(logging.Handler):
     Parameters
     ----------
     jobs
-        Returns all jobs of the run by their ids, and the cores or jobs that there are at a time. It is called once,
-        when the first job starts: a dry run never does.
+        Returns what `jobs_of` does. It is called once, when the first job starts: a dry run never does.
     clock
         Returns the time in seconds.
     """
