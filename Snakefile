@@ -1,3 +1,4 @@
+from kinran.base.project import ROOT
 from snakemake.utils import min_version
 
 min_version("9.14")
@@ -6,8 +7,11 @@ min_version("9.14")
 configfile: "config.yaml"
 
 
+report: "workflow/report/workflow.rst"
+
+
 # used with `--sdm apptainer` alone, after container/kinran.def was built (docs/cluster.md)
-container: f"{workflow.basedir}/container/kinran.sif"
+container: f"{ROOT}/container/kinran.sif"
 
 
 include: "workflow/rules/common.smk"
@@ -43,5 +47,5 @@ rule all:
 # the overview has all fabrics, also after a run in which some failed and whose job for it had to wait for them
 onerror:
     failures.write_overview(
-        Path(*log[:1]).name, watch.failures(fabrics), fabrics, left_out
+        Path(*log[:1]).name, watch.failures(fabrics), fabrics, left_out, place
     )

@@ -2,6 +2,9 @@
 
 import argparse
 import importlib
+import json
+import subprocess
+import sys
 from collections import Counter
 from collections.abc import Iterator
 
@@ -60,3 +63,30 @@ def test_what_is_no_command_is_refused(words: list[str], capsys: pytest.CaptureF
         main(words)
     assert stopped.value.code == 2
     assert "usage: kinran" in capsys.readouterr().err
+
+
+def test_help_is_the_same_without_the_packages_that_take_seconds_to_load(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    program = """
+import importlib, json, sys
+from kinran.base.stand_ins import StandIns
+from kinran.__main__ import ALL, parser_of
+sys.meta_path.insert(0, StandIns())
+print(json.dumps({name: parser_of(name, importlib.import_module(ALL[name][0])).format_help() for name in ALL}))
+print([name for name in ("numpy", "numba", "scipy", "mitsuba") if hasattr(sys.modules.get(name), "__version__")])
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    alone, loaded = done.stdout.splitlines()
+    assert json.loads(alone) == {
+        name: parser_of(name, importlib.import_module(ALL[name][0])).format_help() for name in ALL
+    }
+    assert loaded == "[]"
+
+
+def test_help_loads_nothing_else() -> None:
+    command = [sys.executable, "-X", "importtime", "-m", "kinran", "merge", "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "usage: kinran merge" in done.stdout
+    assert "kinran.bracket.superpixels" in done.stderr
+    assert "numba.core" not in done.stderr

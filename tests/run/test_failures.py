@@ -43,7 +43,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_last_sentence_of_the_log_that_was_written_last() -> None:
     """Jobs of a group are all reported as failed, with the one that failed last."""
-    watch = Watch()
+    watch = Watch(Path())
     failed(watch, 1, "stack", written("logs/silk/stack.log", "stack: 9 of 9 shards\nkinran stack: is full\n\n", 20))
     failed(watch, 2, "merge", written("logs/silk/merge/00.log", "merged\n", 10))
     failed(watch, 3, "report", "logs/silk/report.log")
@@ -51,7 +51,7 @@ def test_the_last_sentence_of_the_log_that_was_written_last() -> None:
 
 
 def test_a_job_that_said_nothing() -> None:
-    watch = Watch()
+    watch = Watch(Path())
     failed(watch, 1, "fit", "logs/silk/fit/slope.0.log")
     (failure,) = watch.failures(["silk"])
     assert failure.says == "said nothing: it was killed, or never began"
@@ -59,7 +59,7 @@ def test_a_job_that_said_nothing() -> None:
 
 def test_what_is_no_failure_of_a_fabric() -> None:
     """A job that a new attempt finished, one that all fabrics share, a row that is wrong, and the chart."""
-    watch = Watch()
+    watch = Watch(Path())
     failed(watch, 1, "fit", "logs/silk/fit/slope.0.log")
     emit(watch, Event.JOB_FINISHED, job_id=1)
     failed(watch, 2, "charts", "logs/charts.log")
@@ -76,16 +76,16 @@ def test_what_is_no_failure_of_a_fabric() -> None:
 def test_a_note_is_forgotten_but_not_the_run(tmp_path: Path) -> None:
     """So the note differs from any before it, and the overview that lists the failures is written again."""
     path = tmp_path / "results" / "failures.json"
-    forget(path, {})
+    forget(tmp_path, {})
     first = path.read_bytes()
     path.write_text(json.dumps({"run": "a.log", "failures": [{"fabric": "silk"}]}))
-    forget(path, {})
+    forget(tmp_path, {})
     assert json.loads(path.read_bytes()) == {"run": "a.log", "failures": []}
     assert path.read_bytes() != first
     before = path.stat()
-    forget(path, {})
+    forget(tmp_path, {})
     assert path.stat().st_mtime_ns == before.st_mtime_ns
-    forget(path, {"wrong": "a.tsv: line 3: is wrong"})
+    forget(Path(), {"wrong": "a.tsv: line 3: is wrong"})
     (noted,) = json.loads(path.read_bytes())["failures"]
     assert noted == {
         "fabric": "wrong",
@@ -97,13 +97,23 @@ def test_a_note_is_forgotten_but_not_the_run(tmp_path: Path) -> None:
 
 def test_a_folder_that_is_only_read_is_no_error(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / "results").touch()
-    forget(tmp_path / "results" / "failures.json", {})
+    forget(tmp_path, {})
     assert "cannot be written to" in caplog.text
 
 
 def test_the_overview_lists_who_failed_and_who_was_not_run() -> None:
-    failures.write_overview("a.log", [Failure("silk", "fit", "is <full>", "logs/silk/fit.log")], ["silk", "wool"], {})
+    failures.write_overview(
+        "a.log", [Failure("silk", "fit", "is <full>", "logs/silk/fit.log")], ["silk", "wool"], {}, Path()
+    )
     page = Path("results/report.html").read_text()
     assert "<td>silk</td><td>fit</td><td>is &lt;full&gt;</td>" in page
     assert "<td>wool</td><td></td><td>did not get to its report in this run</td><td></td>" in page
     assert "2 fabrics, 2 not finished" in page
+
+
+def test_rules_and_folders_of_a_module_have_other_names() -> None:
+    watch = Watch(Path("textiles"))
+    failed(watch, 1, "kinran_fit", written("textiles/logs/silk/fit/slope.0.log", "is full\n", 20))
+    failed(watch, 2, "kinran_chart_kind", written("textiles/logs/silk/chart/linear.log", "is empty\n", 30))
+    failed(watch, 3, "mine", written("logs/silk/mine.log", "is no job of the module\n", 40))
+    assert watch.failures(["silk"]) == [Failure("silk", "kinran_fit", "is full", "textiles/logs/silk/fit/slope.0.log")]

@@ -12,31 +12,13 @@ import yaml
 
 ROOT = Path(__file__).parents[2]
 
-CONFIG = {
-    "fabrics": "config/fabrics.tsv",
-    "recapture": "config/recapture.tsv",
-    "holdout": 8,
-    "rig": {
-        "device": "virtual",
-        "thetas": [0, 20, 40, 60, 80],
-        "phis": 8,
-        "exposures": [25, 100, 250, 1000, 4000],
-        "meridians": 4,
-        "lamp_mm": 600,
-        "field_mm": 4.8,
-    },
-    "virtual": {"texels": 24, "samples": 4, "seed": 7},
-    "fit": {"model": "slope", "compare": ["takeda2008"], "regions": "all", "jobs": 1},
-    "scene": {"template": "small.xml", "scan": "generated"},
-}
+TINY = ROOT / ".test"
+"""The working folder of a tiny virtual fabric, which users may run, too."""
 
 
 def small_template() -> str:
     """The project's scene with a picture small enough for a test."""
-    template = (ROOT / "scenes" / "drape.xml").read_text()
-    for name, value in {"width": "64", "height": "48", "spp": "2"}.items():
-        template = re.sub(rf'(<default name="{name}" value=)"[0-9]+"', rf'\1"{value}"', template)
-    return template
+    return (TINY / "small.xml").read_text()
 
 
 class Project:
@@ -45,21 +27,19 @@ class Project:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         (folder / "config").mkdir(parents=True)
-        (folder / "small.xml").write_text(small_template())
-        self.configure(lambda config: None)
-        self.sheet("fabrics", "fabric\tsource\tencoding\tcrop\tregions\tseeds", "tiny\trig\t\t\t2\t")
-        self.sheet("recapture", "fabric\ttheta\tphi\trevision\treason")
+        for name in ("small.xml", "config.yaml", "config/fabrics.tsv", "config/recapture.tsv"):
+            shutil.copyfile(TINY / name, folder / name)
 
     def configure(self, change: Callable[[dict], object]) -> None:
-        config = yaml.safe_load(yaml.safe_dump(CONFIG))
+        config = yaml.safe_load((TINY / "config.yaml").read_text())
         change(config)
         (self.folder / "config.yaml").write_text(yaml.safe_dump(config))
 
     def sheet(self, name: str, *rows: str) -> None:
         (self.folder / "config" / f"{name}.tsv").write_text("\n".join(rows) + "\n")
 
-    def snakemake(self, *options: str) -> "subprocess.CompletedProcess[str]":
-        command = [sys.executable, "-m", "snakemake", "-s", str(ROOT / "Snakefile"), "-d", str(self.folder), "-c2"]
+    def snakemake(self, *options: str, snakefile: Path = ROOT / "Snakefile") -> "subprocess.CompletedProcess[str]":
+        command = [sys.executable, "-m", "snakemake", "-s", str(snakefile), "-d", str(self.folder), "-c2"]
         return subprocess.run([*command, *options], capture_output=True, text=True, check=False)
 
     def run(self, *options: str) -> str:

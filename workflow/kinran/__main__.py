@@ -9,6 +9,7 @@ from types import ModuleType
 from kinran.base import command_line as words
 from kinran.base.files import InputError
 from kinran.base.log import to_stderr
+from kinran.base.stand_ins import StandIns
 
 log = logging.getLogger("kinran")
 
@@ -29,6 +30,7 @@ COMMANDS = {
     "verify": ("kinran.run.verify", "check captures and results for damage, and say what to run"),
     "bench": ("kinran.run.bench", "measure speed and accuracy"),
     "test": ("kinran.run.test", "run the tests"),
+    "compile": ("kinran.run.compile", "compile what stages run, once for an installation"),
     "doctor": ("kinran.run.doctor", "check this machine and say what to do"),
 }
 """Commands of users: the module of each, and what it does."""
@@ -76,6 +78,8 @@ def main(argv: list[str] | None = None) -> int:
     if name not in ALL:
         top().parse_args(argv)
     to_stderr()
+    if {"-h", "--help"} & set(argv):
+        sys.meta_path.insert(0, StandIns())
     stage = importlib.import_module(ALL[name][0])  # only the stage that runs is imported
     parser = parser_of(name, stage)
     try:

@@ -1,9 +1,8 @@
 rule plan:
     input:
-        directions=lambda wildcards: sheet_of(
-            settings(wildcards)["rig"], wildcards.fabric
-        )
-        or [],
+        directions=lambda wildcards: given(
+            sheet_of(settings(wildcards)["rig"], wildcards.fabric)
+        ),
     output:
         "captures/{fabric}/plan.json",
     log:

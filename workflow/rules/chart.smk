@@ -27,7 +27,7 @@ rule chart_kind:
         mem_mb=memory_of("chart_kind"),
         runtime=runtime_of("chart_kind"),
     params:
-        fabric=fitted_fabric,
+        fabric=subpath(input.labels, parent=True),
         code=lambda wildcards: [
             digest(f"kinran.compare.methods.{wildcards.kind}"),
             digest("kinran.compare.experiments"),
@@ -56,7 +56,7 @@ rule chart_default:
         mem_mb=memory_of("chart_default"),
         runtime=runtime_of("chart_default"),
     params:
-        fabric=fitted_fabric,
+        fabric=subpath(input.labels, parent=True),
         code=digest("kinran.compare.default"),
     shell:
         "export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1;"
@@ -76,7 +76,7 @@ rule chart_regions:
         mem_mb=memory_of("chart_regions"),
         runtime=runtime_of("chart_regions"),
     params:
-        fabric=lambda wildcards: f"results/{wildcards.fabric}",
+        fabric=subpath(input.labels, parent=True),
         scene=virtual_rig,
         code=digest("kinran.compare.chart_regions"),
     shell:

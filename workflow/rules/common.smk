@@ -11,7 +11,7 @@ from kinran.run.config import (
     sheet_of,
 )
 from kinran.run.fabrics import read_fabrics
-from kinran.run import failures, resources, void
+from kinran.run import failures, progress, resources, void
 from kinran.base.files import InputError
 from snakemake.exceptions import WorkflowError
 from snakemake.logging import logger
@@ -24,8 +24,11 @@ shell.prefix(
     f" else export PATH={Path(sys.executable).parent}:$PATH; fi; set -euo pipefail; "
 )
 
+# where a module with `prefix:` has its captures, results and logs
+place = Path(workflow.modifier.path_modifier.replace_prefix("results", None)).parent
+
 try:
-    listed = read_fabrics(config)
+    listed = read_fabrics(config, place)
 except InputError as error:
     raise WorkflowError(str(error))
 
@@ -37,15 +40,20 @@ set_fabrics = [name for name, fabric in fabrics.items() if fabric.folder is not 
 models = sorted({model for fabric in fabrics.values() for model in fabric.models})
 # a job of the chart for each kind of method: a new file is a new job, and no other runs again
 kinds = sorted(p.stem for p in PACKAGES["kinran"].glob("compare/methods/[a-z]*.py"))
-watch = failures.Watch()
+watch = failures.Watch(place)
+# (rules of a module may have other names)
+stages = {
+    workflow.modifier.modify_rulename(s): s for s in [*resources.COSTS, "capture"]
+}
 # shards of a group are no outputs that Snakemake knows. Where one is gone, what says that it is there goes, too
 if workflow.is_main_process:
     logger.addHandler(watch)
+    logger.addHandler(progress.Progress(lambda: progress.jobs_of(workflow, predicted)))
     for fabric in fabrics:
-        void.remove_void(Path("results", fabric))
+        void.remove_void(place / "results" / fabric)
     for says in left_out.values():
         print(f"left out: {says}", file=sys.stderr)
-    failures.forget(failures.FILE, left_out)
+    failures.forget(place, left_out)
 
 
 def any_of(names):
@@ -60,6 +68,19 @@ wildcard_constraints:
     job="[0-9]+",
 
 
+def given(path):
+    """Return an input that the user names, which lies where it says, also for a module with a prefix."""
+    return local(str(path)) if path else []
+
+
+def shown(path, what):
+    """Return an output of a fabric that `snakemake --report` shows under its name, with the caption of that name."""
+    caption = f"../report/{Path(path).stem.split('.')[-1]}.rst"
+    return report(
+        path, caption=caption, category="Fabric {fabric}", labels={"shows": what}
+    )
+
+
 def settings(wildcards):
     """Return the settings of a fabric: those of the config, with what it has of its own."""
     return fabrics[wildcards.fabric].settings
@@ -68,7 +89,7 @@ def settings(wildcards):
 @cache
 def size_of(fabric):
     """Return the size of a fabric, on which depends what its jobs ask for."""
-    return resources.size_of(fabrics[fabric])
+    return resources.size_of(fabrics[fabric], place / "captures")
 
 
 def threads_of(stage):
@@ -88,6 +109,24 @@ def runtime_of(stage, jobs=lambda wildcards: 1):
     return lambda wildcards, attempt, threads: resources.minutes(
         stage, size_of(wildcards.fabric), attempt, threads * jobs(wildcards)
     )
+
+
+def predicted(job):
+    """Return the seconds of a job; 0 where it only gathers files, None where it is of another workflow."""
+    if job.is_norun:
+        return 0
+    stage = stages.get(job.rule.name)
+    if stage is None:
+        return None
+    if stage == "overview":
+        return resources.seconds(stage, resources.Size(0, 0), 1)
+    fabric = job.wildcards.fabric
+    if stage == "capture":
+        return resources.capture_seconds(
+            fabrics[fabric], job.wildcards.group, job.threads, place / "captures"
+        )
+    jobs = jobs_of(job.wildcards) if stage == "fit" else 1
+    return resources.seconds(stage, size_of(fabric), job.threads, jobs)
 
 
 def manifests(wildcards):
@@ -164,19 +203,18 @@ def methods_of(fabric):
     return ["slope-residual", *own] if with_residual and own[0] == "slope" else own
 
 
-def fitted_fabric(wildcards):
-    """Return the folder of the texels that are fitted and judged: as measured, or as coarse as the scene allows.
-
-    Jobs read the shards of its stack, which no rule names.
-    """
-    results = Path("results", wildcards.fabric)
-    coarse = settings(wildcards)["fit"]["texels"] == "needed"
-    return str(results / "needed" if coarse else results)
-
-
 def fitted(name):
-    """Return a file of the texels that are fitted, as a function of a rule's wildcards."""
-    return lambda wildcards: f"{fitted_fabric(wildcards)}/{name}"
+    """Return a file of the texels that are fitted and judged, as a function of a rule's wildcards.
+
+    They are as measured, or as coarse as the scene allows.
+    """
+    return lambda wildcards: "/".join(
+        [
+            f"results/{wildcards.fabric}",
+            *(["needed"] if settings(wildcards)["fit"]["texels"] == "needed" else []),
+            name,
+        ]
+    )
 
 
 def jobs_of(wildcards):
@@ -200,13 +238,12 @@ def sigma_of(wildcards):
 
 def template_of(wildcards):
     """Return the scene that shows a fabric."""
-    return settings(wildcards)["scene"]["template"]
+    return given(settings(wildcards)["scene"]["template"])
 
 
 def scan_of(wildcards):
     """Return the scan of a fabric's cloth; none for a generated one."""
-    scan = fabrics[wildcards.fabric].scan
-    return str(scan) if scan else []
+    return given(fabrics[wildcards.fabric].scan)
 
 
 def need_of(wildcards):
@@ -220,12 +257,12 @@ def slope_lobes(wildcards):
     return lobes_of(settings(wildcards)["fit"], fabrics[wildcards.fabric].lights)
 
 
-def lobes_option(wildcards):
+def lobes_option(wildcards, input):
     """Return the options for the lobes of the slope model; empty for the other models."""
     if getattr(wildcards, "model", "slope") != "slope":
         return ""
-    if choice := choice_of(wildcards):
-        return f"--choice {choice}"
+    if input.choice:
+        return f"--choice {input.choice}"
     lobes, tail = slope_lobes(wildcards)
     return f"--lobes {lobes} --tail {tail}"
 
@@ -237,11 +274,11 @@ def choice_of(wildcards):
     return f"results/{wildcards.fabric}/fit/choice.json" if asked else []
 
 
-def fitted_option(wildcards):
+def fitted_option(wildcards, input):
     """Return the option for the regions that get a lobe: all, the shiniest (label 0), or those the scene shows."""
     regions = settings(wildcards)["fit"]["regions"]
     if regions == "needed":
-        return f"--need {need_of(wildcards)}"
+        return f"--need {input.need}"
     return "--fitted 0" if regions == "shiniest" else ""
 
 

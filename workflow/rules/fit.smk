@@ -54,7 +54,7 @@ rule choice:
         regions=fitted("regions.json"),
     output:
         choice="results/{fabric}/fit/choice.json",
-        picture="results/{fabric}/fit/choice.png",
+        picture=shown("results/{fabric}/fit/choice.png", "choice of lobes"),
     log:
         "logs/{fabric}/choice.log",
     benchmark:
@@ -64,7 +64,7 @@ rule choice:
         mem_mb=memory_of("choice"),
         runtime=runtime_of("choice"),
     params:
-        fabric=fitted_fabric,
+        fabric=subpath(input.labels, parent=True),
         code=digest("kinran.fit.choice"),
     shell:
         "python -m kinran choice {output.choice:q} --fabric {params.fabric:q}"
@@ -88,7 +88,7 @@ rule prior:
         mem_mb=memory_of("prior"),
         runtime=runtime_of("prior"),
     params:
-        fabric=fitted_fabric,
+        fabric=subpath(input.labels, parent=True),
         lobes=lobes_option,
         code=digest("kinran.fit.prior"),
     shell:
@@ -117,7 +117,7 @@ rule fit:
         mem_mb=memory_of("fit"),
         runtime=runtime_of("fit", jobs=jobs_of),
     params:
-        fabric=fitted_fabric,
+        fabric=subpath(input.labels, parent=True),
         prior=lambda wildcards, input: (
             f"--prior {input.prior}" if input.get("prior") else ""
         ),
@@ -148,7 +148,7 @@ rule material:
         mem_mb=memory_of("material"),
         runtime=runtime_of("material"),
     params:
-        fabric=fitted_fabric,
+        fabric=subpath(input.labels, parent=True),
         fitted=fitted_option,
         lobes=lobes_option,
         code=digest("kinran.fit.material"),
@@ -177,7 +177,7 @@ rule residual:
         mem_mb=memory_of("residual"),
         runtime=runtime_of("residual"),
     params:
-        fabric=fitted_fabric,
+        fabric=subpath(input.labels, parent=True),
         code=digest("kinran.fit.residual"),
     shell:
         "python -m kinran residual {output.material:q} --fabric {params.fabric:q}"
@@ -195,7 +195,7 @@ rule sigma:
     output:
         maps="results/{fabric}/fit/slope.sigma.exr",
         summary="results/{fabric}/fit/slope.sigma.json",
-        picture="results/{fabric}/fit/slope.sigma.png",
+        picture=shown("results/{fabric}/fit/slope.sigma.png", "uncertainty"),
     log:
         "logs/{fabric}/sigma.log",
     benchmark:
@@ -205,7 +205,7 @@ rule sigma:
         mem_mb=memory_of("sigma"),
         runtime=runtime_of("sigma"),
     params:
-        fabric=fitted_fabric,
+        fabric=subpath(input.labels, parent=True),
         code=digest("kinran.fit.sigma"),
     shell:
         "python -m kinran sigma {output.maps:q} --fabric {params.fabric:q}"
@@ -244,7 +244,7 @@ rule evaluate:
         ),
     output:
         errors="results/{fabric}/evaluation.json",
-        picture="results/{fabric}/evaluation.png",
+        picture=shown("results/{fabric}/evaluation.png", "held-out lights"),
     log:
         "logs/{fabric}/evaluate.log",
     benchmark:
@@ -253,7 +253,7 @@ rule evaluate:
         mem_mb=memory_of("evaluate"),
         runtime=runtime_of("evaluate"),
     params:
-        fabric=fitted_fabric,
+        fabric=subpath(input.labels, parent=True),
         code=digest("kinran.judge.evaluate"),
     shell:
         "python -m kinran evaluate {output.errors:q} --name {wildcards.fabric} --fabric {params.fabric:q}"

@@ -3,7 +3,7 @@ rule calibrate:
         plan="captures/{fabric}/plan.json",
         # one group alone, so that a direction shot again does not merge all groups again
         manifest=calibration_manifest,
-        chart=lambda wildcards: fabrics[wildcards.fabric].chart.file or [],
+        chart=lambda wildcards: given(fabrics[wildcards.fabric].chart.file),
     output:
         "results/{fabric}/calibration.json",
     log:
@@ -36,7 +36,7 @@ rule merge:
         mem_mb=memory_of("merge"),
         runtime=runtime_of("merge"),
     params:
-        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        stack=lambda wildcards, output: f"{Path(output[0]).parents[1]}/radiance.zarr",
         code=digest("kinran.radiance.merge_group"),
     shell:
         "python -m kinran merge-group --plan {input.plan:q} --calibration {input.calibration:q}"
@@ -62,7 +62,7 @@ rule stack:
         runtime=runtime_of("stack"),
     params:
         holdout=lambda wildcards: settings(wildcards)["holdout"],
-        stack=lambda wildcards: f"results/{wildcards.fabric}/radiance.zarr",
+        stack=subpath(output[0], parent=True),
         code=digest("kinran.radiance.stack"),
     shell:
         "python -m kinran stack {params.stack:q} --plan {input.plan:q} --calibration {input.calibration:q}"

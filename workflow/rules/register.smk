@@ -3,7 +3,7 @@ from kinran.register.register import find_views
 session = config["register"]
 
 try:
-    session_views = [str(path) for path in find_views(Path(session["views"]))]
+    session_views = [given(path) for path in find_views(Path(session["views"]))]
 except InputError as error:
     raise WorkflowError(str(error))
 
@@ -11,7 +11,7 @@ except InputError as error:
 rule register:
     input:
         views=session_views,
-        board=session["board"],
+        board=given(session["board"]),
     output:
         cameras="results/register/cameras.json",
         height="results/register/height.exr",

@@ -17,7 +17,7 @@ rule report:
         render="results/{fabric}/render.png",
         sweep="results/{fabric}/sweep.png",
     output:
-        "results/{fabric}/report.html",
+        shown("results/{fabric}/report.html", "report"),
     log:
         "logs/{fabric}/report.log",
     resources:
@@ -39,9 +39,14 @@ rule overview:
     input:
         errors=expand("results/{fabric}/evaluation.json", fabric=fabrics),
         reports=expand("results/{fabric}/report.html", fabric=fabrics),
-        failures=failures.FILE,
+        failures="results/failures.json",
     output:
-        report("results/report.html", category="Overview"),
+        report(
+            "results/report.html",
+            caption="../report/overview.rst",
+            category="All fabrics",
+            labels={"shows": "overview"},
+        ),
     log:
         "logs/overview.log",
     localrule: True

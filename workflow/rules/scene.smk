@@ -59,9 +59,9 @@ rule render:
         "results/{fabric}/scene/scene.xml",
     output:
         exr="results/{fabric}/render.exr",
-        png="results/{fabric}/render.png",
+        png=shown("results/{fabric}/render.png", "picture"),
         json="results/{fabric}/render.json",
-        sweep="results/{fabric}/sweep.png",
+        sweep=shown("results/{fabric}/sweep.png", "the light moved"),
     log:
         "logs/{fabric}/render.log",
     benchmark:

@@ -14,7 +14,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from kinran.data.calibration import Response
 
@@ -121,7 +121,7 @@ def estimate_rows(planes: Counts, black: Array, seconds: Array, response: Respon
         np.float32(response.gain),
         np.float32(response.read**2),
         np.float32(response.coding**2),
-        np.float32(chi2.isf(CHANCE, len(planes) - 1) if len(planes) > 1 else np.inf),
+        np.float32(chdtri(len(planes) - 1, CHANCE) if len(planes) > 1 else np.inf),
     )
     _kernel(len(planes))(planes, black.astype(np.float32), seconds.astype(np.float32), sensor, first, merged)
     return merged

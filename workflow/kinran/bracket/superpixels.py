@@ -64,12 +64,12 @@ def _merge(bracket: Bracket, camera: CalibratedCamera, sigma: Image) -> Radiance
         last, at = min(first + STRIP, height), first % len(sigma)
         sites = estimate_rows(bracket.planes, black, seconds, camera.response, first, last)
         _take_other_green(sites, bad[(bad[:, 1] >= first) & (bad[:, 1] < last)], first)
-        counted = _combine(*sites, rate[first:last], sigma[at : at + last - first], flags[first:last])
+        counted = combine(*sites, rate[first:last], sigma[at : at + last - first], flags[first:last])
         below, apart = below + counted[0], apart + counted[1]
     _check(bracket, black, seconds, below / rate.size, apart / rate.size)
     hot = _hot_samples(bad, bracket.planes.shape[1])
     flags[tuple(hot.T)] |= HOT
-    _fill(rate, flags, hot)
+    fill(rate, flags, hot)
     return Radiance(rate, flags)
 
 
@@ -96,7 +96,7 @@ def _take_other_green(sites: Merged, bad: Sites, first: int) -> None:
 
 
 @nb.njit(cache=True, error_model="numpy", fastmath={"nsz", "arcp", "contract", "reassoc"})  # type: ignore[untyped-decorator,unused-ignore]
-def _combine(site: Image, spread: Image, apart: Flags, rate: Image, sigma: Image, flags: Flags) -> tuple[int, int]:
+def combine(site: Image, spread: Image, apart: Flags, rate: Image, sigma: Image, flags: Flags) -> tuple[int, int]:
     """Combine sites (plane, y, x) to superpixels in one loop without branches, which vectorises.
 
     Returns
@@ -235,7 +235,7 @@ def _outlier(bracket: Bracket, black: Array, seconds: Array) -> int:
 
 
 @nb.njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
-def _fill(rate: Image, flags: Flags, hot: Sites) -> None:
+def fill(rate: Image, flags: Flags, hot: Sites) -> None:
     """Replace hot samples (n, 3) by the mean of their good neighbours; the flag stays."""
     height, width, _ = rate.shape
     for k in range(len(hot)):

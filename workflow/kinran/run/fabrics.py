@@ -170,8 +170,15 @@ class SheetRow:
     own: str
 
 
-def read_fabrics(config: dict[str, Any]) -> Fabrics:
+def read_fabrics(config: dict[str, Any], place: Path = Path()) -> Fabrics:
     """Check the config, and read the sheets that it names.
+
+    Parameters
+    ----------
+    config
+        The config, whose defaults are filled in.
+    place
+        Folder of captures and results.
 
     Raises
     ------
@@ -182,7 +189,7 @@ def read_fabrics(config: dict[str, Any]) -> Fabrics:
     sound: dict[str, FabricRow] = {}
     for name, row in rows.items():
         try:
-            sound[name] = _fabric(row)
+            sound[name] = _fabric(row, place)
         except InputError as error:
             broken[name] = str(error)
     again = _read_revisions(config["recapture"], sound, broken)
@@ -245,16 +252,16 @@ def _check_columns(sheet: str, cells: dict[str, str]) -> None:
         raise InputError(f"{sheet}: {wrong}; see workflow/schemas/fabric.schema.yaml")
 
 
-def _fabric(row: SheetRow) -> FabricRow:
+def _fabric(row: SheetRow, place: Path) -> FabricRow:
     """Read what a row names."""
     scene, name = row.settings["scene"], row.cells["fabric"]
     if not Path(scene["template"]).is_file():
         raise InputError(f"{row.own}: scene.template: {scene['template']} is no file; name a scene for fabric '{name}'")
     if scene["scan"] != GENERATED and not (
-        Path(scene["scan"]).is_file() or Path("results", name, "scan.ply").is_file()
+        Path(scene["scan"]).is_file() or (place / "results" / name / "scan.ply").is_file()
     ):
         raise InputError(f"{row.own}: scene.scan: {scene['scan']} is no file; name a scan for fabric '{name}'")
-    return _on_rig(row) if row.cells["source"] == "rig" else _of_photographs(row)
+    return _on_rig(row) if row.cells["source"] == "rig" else _of_photographs(row, place)
 
 
 def _regions(row: SheetRow) -> int | None:
@@ -293,7 +300,7 @@ def _on_rig(row: SheetRow) -> FabricRow:
     )
 
 
-def _of_photographs(row: SheetRow) -> FabricRow:
+def _of_photographs(row: SheetRow, place: Path) -> FabricRow:
     cells, name = row.cells, row.cells["fabric"]
     folder = Path(cells["source"])
     encoded = cells["encoding"] or "srgb"
@@ -307,8 +314,8 @@ def _of_photographs(row: SheetRow) -> FabricRow:
     if chart.file is None and (chart.corners or chart.lamp):
         raise InputError(f"{row.where}: chart: has none; name its photograph, or leave its corners and its lamp empty")
     lp = Path(cells["lp"]) if cells.get("lp") else None
-    count = _count_lights(row, folder, lp)
-    if chart.file and not (chart.file.is_file() or Path("results", name, "calibration.json").is_file()):
+    count = _count_lights(row, folder, lp, place)
+    if chart.file and not (chart.file.is_file() or (place / "results" / name / "calibration.json").is_file()):
         raise InputError(f"{row.where}: chart: {chart.file} is no file; correct it")
     groups = tuple(list_group_names(count))
     lamp, field, camera = (
@@ -331,12 +338,12 @@ def _of_photographs(row: SheetRow) -> FabricRow:
     )
 
 
-def _count_lights(row: SheetRow, folder: Path, lp: Path | None) -> int:
+def _count_lights(row: SheetRow, folder: Path, lp: Path | None, place: Path) -> int:
     """Return the number of a set's lights; where its folder is gone, that of what was captured of it."""
     try:
         return len(find_lights(folder, lp).lights)
     except (InputError, OSError) as error:
-        captured = Path("captures", row.cells["fabric"], "plan.json")
+        captured = place / "captures" / row.cells["fabric"] / "plan.json"
         if captured.is_file():
             return len(read_plan(captured).lights)
         raise InputError(f"{row.where}: source: {error}") from None

@@ -13,14 +13,14 @@ from pathlib import Path
 
 from kinran.base.files import InputError, read_json, write_json
 
-FILE = Path("results/failures.json")
-"""Where the failures of a run are noted, from its working folder."""
+FILE = Path("results", "failures.json")
+"""Where the failures of a run are noted."""
 CONFIG = "config"
 """What a fabric failed at whose row or settings are wrong."""
 LEFT_OUT = "left_out"
 """Rule of the job that such a fabric gets."""
-EXTRA = ("chart", "stability")
-"""Beginnings of the rules that make nothing of what the overview shows."""
+EXTRA = "chart"
+"""How the logs begin of the jobs of a fabric that make nothing of what the overview shows."""
 
 log = logging.getLogger(__name__)
 
@@ -47,9 +47,10 @@ class Failure:
     log: str
 
 
-def forget(path: Path, left_out: dict[str, str]) -> None:
-    """Begin the note of a run: only the fabrics are in it whose rows are wrong."""
-    failures = [asdict(failure) for failure in _of_rows(left_out)]
+def forget(place: Path, left_out: dict[str, str]) -> None:
+    """Begin the note of a run in the folder of results and logs: only the fabrics are in it whose rows are wrong."""
+    path = place / FILE
+    failures = [asdict(failure) for failure in _of_rows(left_out, place)]
     try:
         noted = read_json(path) if path.exists() else None
     except InputError:
@@ -63,10 +64,17 @@ def forget(path: Path, left_out: dict[str, str]) -> None:
 
 
 class Watch(logging.Handler):
-    """Notes the jobs that fail in a run, from what Snakemake logs, whatever of it is shown."""
+    """Notes the jobs that fail in a run, from what Snakemake logs, whatever of it is shown.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    place
+        Folder of results and logs.
+    """
+
+    def __init__(self, place: Path) -> None:
         super().__init__()
+        self.logs = place / "logs"
         self.failed: dict[int, tuple[str, Path]] = {}
         """Rule and log of each job that failed, by its id."""
 
@@ -81,14 +89,18 @@ class Watch(logging.Handler):
         """Return a failure for each fabric that has one: the last, as jobs of a group are all reported with it."""
         found: dict[str, tuple[float, Failure]] = {}
         for rule, path in self.failed.values():
-            fabric = path.parts[1] if len(path.parts) > 2 else ""
+            # (rules of a module may have other names)
+            fabric, *stage = path.relative_to(self.logs).parts if path.is_relative_to(self.logs) else [""]
+            extra = not stage or stage[0].startswith(EXTRA)
             written = path.stat().st_mtime if path.is_file() else 0.0
-            if fabric in fabrics and not rule.startswith(EXTRA) and written >= found.get(fabric, (0.0,))[0]:
+            if fabric in fabrics and not extra and written >= found.get(fabric, (0.0,))[0]:
                 found[fabric] = written, Failure(fabric, rule, _last_sentence(path), str(path))
         return [failure for _, failure in found.values()]
 
 
-def write_overview(run: str, failed: list[Failure], fabrics: Collection[str], left_out: dict[str, str]) -> None:
+def write_overview(
+    run: str, failed: list[Failure], fabrics: Collection[str], left_out: dict[str, str], place: Path
+) -> None:
     """Note the failures of a run that ended with some, and write the overview, as `kinran overview` does.
 
     Parameters
@@ -101,19 +113,24 @@ def write_overview(run: str, failed: list[Failure], fabrics: Collection[str], le
         Names of all fabrics that could have finished.
     left_out
         What is wrong with the rows of the others.
+    place
+        Folder of results and logs.
     """
+    note = place / FILE
     names = {failure.fabric for failure in failed}
-    files = {name: Path("results", name, "evaluation.json") for name in fabrics if name not in names}
+    files = {name: place / "results" / name / "evaluation.json" for name in fabrics if name not in names}
     missing = [name for name, path in files.items() if not (path.is_file() and path.with_name("report.html").is_file())]
     not_run = [Failure(name, "", "did not get to its report in this run", "") for name in missing]
-    write_json(FILE, {"run": run, "failures": [*_of_rows(left_out), *failed, *not_run]})
+    write_json(note, {"run": run, "failures": [*_of_rows(left_out, place), *failed, *not_run]})
     errors = [str(path) for name, path in files.items() if name not in missing]
-    command = [sys.executable, "-m", "kinran", "overview", str(FILE.with_name("report.html"))]
-    subprocess.run([*command, "--errors", *errors, "--failures", str(FILE)], check=False)
+    command = [sys.executable, "-m", "kinran", "overview", str(note.with_name("report.html"))]
+    subprocess.run([*command, "--errors", *errors, "--failures", str(note)], check=False)
 
 
-def _of_rows(left_out: dict[str, str]) -> list[Failure]:
-    return [Failure(name, CONFIG, says, f"logs/{name}/{LEFT_OUT}.log") for name, says in left_out.items()]
+def _of_rows(left_out: dict[str, str], place: Path) -> list[Failure]:
+    return [
+        Failure(name, CONFIG, says, str(place / "logs" / name / f"{LEFT_OUT}.log")) for name, says in left_out.items()
+    ]
 
 
 def _last_sentence(path: Path) -> str:

@@ -24,6 +24,11 @@ LEAST_MINUTES = 10
 """Shortest time that a job asks for: the start of Snakemake and of a stage on a cold file system. A choice."""
 MOST_THREADS = 8
 """Most threads of a stage: more hardly speed up stages of a minute, and wait longer for a free node. A choice."""
+VIRTUAL_S, VIRTUAL_SHOT_S, VIRTUAL_RAYS_S = 5, 0.1, 1.3
+"""CPU seconds of a group on the virtual rig: of its start, of a light, and of a million of its rays (texels × samples).
+From the demo, 64 lights of 0.2 million in 29 s, and the tiny fabric of `.test`, 17 of 0.002 in 7."""
+SHOT_S = 10
+"""Seconds of a light on a real rig before there is a plan, which says more exactly. A choice."""
 WHOLE_MACHINE = 1024
 """Threads of a job that wants the machine for itself: Snakemake cuts them to the cores that it was given."""
 
@@ -76,6 +81,7 @@ class Cost:
 
 
 COSTS = {
+    "plan": Cost(80, seconds=1),
     "ingest": Cost(80, 36),
     "ingest_group": Cost(80),
     "calibrate": Cost(240, 54),
@@ -86,17 +92,18 @@ COSTS = {
     "choice": Cost(300, 0, 0.5, 120, threaded=True),
     "prior": Cost(230, 40, 0.25, 10, threaded=True),
     "fit": Cost(180, 90, 0.35, 5, 35, 0.25),
-    "material": Cost(180, 420, 0, 5, 10),
+    "material": Cost(180, 420, 0, 2, 10),
     "residual": Cost(300, 400, 0.4, 30, 20, 0.3, threaded=True),
     "sigma": Cost(250, 300, 0.4, 5, 10, 0.3, threaded=True),
-    "choose": Cost(10),
+    "choose": Cost(10, seconds=0),
     "evaluate": Cost(200, 180, 0.1, 5, 5, 0.1),
     "scan": Cost(100),
     "mesh": Cost(260),
-    "need": Cost(180),
-    "scene": Cost(150, 80),
-    "render": Cost(250, 200, 0, 80, threaded=True),
-    "report": Cost(400, 300, 0, 10, 5),
+    "need": Cost(180, seconds=3),
+    "scene": Cost(150, 80, seconds=2),
+    "render": Cost(250, 200, 0, 40, threaded=True),
+    "report": Cost(400, 300, 0, 5, 5),
+    "overview": Cost(100, seconds=1),
     "chart_kind": Cost(1500, 0, 1, 200),
     "chart_default": Cost(1500, 0, 1, 200),
     "chart_regions": Cost(600, 200, 0, 60),
@@ -145,6 +152,26 @@ def _frame(fabric: FabricRow, captures: Path) -> Path | None:
         except (OSError, ValueError, LookupError):
             continue
     return None
+
+
+def seconds(stage: str, size: Size, threads: int, jobs: int = 1) -> float:
+    """Predicted time of a job, of which so many share the work of a stage, on idle cores."""
+    cost = COSTS[stage]
+    return cost.time(size) / (threads if cost.threaded else 1) / jobs
+
+
+def capture_seconds(fabric: FabricRow, group: str, threads: int, captures: Path = Path("captures")) -> float:
+    """Predicted time of a capture's group: of the virtual camera, whose cost was measured, or as the plan has it."""
+    lights = fabric.lights / len(fabric.light_groups) if group in fabric.light_groups else 0
+    if fabric.settings["rig"]["device"] == "virtual":
+        rays = int(fabric.settings["virtual"]["texels"]) ** 2 * int(fabric.settings["virtual"]["samples"]) * 1e-6
+        return (VIRTUAL_S + lights * (VIRTUAL_SHOT_S + VIRTUAL_RAYS_S * rays)) / min(threads, 2)
+    try:
+        return float(json.loads((captures / fabric.name / "plan.json").read_bytes())["duration_s"]) / len(
+            fabric.all_groups
+        )
+    except (OSError, ValueError, LookupError):
+        return lights * SHOT_S
 
 
 def threads(stage: str, size: Size) -> int:

@@ -10,7 +10,6 @@ from scipy.sparse import coo_matrix, diags_array
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from scipy.spatial import ConvexHull
-from scipy.stats import theilslopes
 
 Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
@@ -195,7 +194,8 @@ def _rectangle(points: Array) -> tuple[float, Array, Array]:
 def _slope(x: Array, y: Array) -> float:
     """Angle of the line through points, from the median of the slopes of all pairs."""
     some = slice(None, None, len(x) // 400 + 1)
-    return float(np.arctan(theilslopes(y[some], x[some]).slope))
+    right, up = (np.subtract.outer(values[some], values[some]) for values in (x, y))
+    return float(np.arctan(np.median(up[right > 0] / right[right > 0])))
 
 
 def turn_to_weft(uv: Array, outline: Faces) -> tuple[Array, Array]:
