@@ -50,6 +50,13 @@ class Project:
         self.sheet("fabrics", "fabric\tsource\tencoding\tcrop\tregions\tseeds", "tiny\trig\t\t\t2\t")
         self.sheet("recapture", "fabric\ttheta\tphi\trevision\treason")
 
+    @classmethod
+    def of(cls, folder: Path) -> "Project":
+        """The project in a folder that is there, or will be."""
+        project = object.__new__(cls)
+        project.folder = folder
+        return project
+
     def configure(self, change: Callable[[dict], object]) -> None:
         config = yaml.safe_load(yaml.safe_dump(CONFIG))
         change(config)
@@ -87,6 +94,4 @@ def project(finished: Project, tmp_path: Path) -> Project:
     """A copy of the finished run, times and bookkeeping included."""
     folder = tmp_path / "copy"
     shutil.copytree(finished.folder, folder, symlinks=True)
-    copy = object.__new__(Project)
-    copy.folder = folder
-    return copy
+    return Project.of(folder)

@@ -94,6 +94,7 @@ COSTS = {
     "scan": Cost(100),
     "mesh": Cost(260),
     "need": Cost(180),
+    "need_to_fit": Cost(180),
     "scene": Cost(150, 80),
     "render": Cost(250, 200, 0, 80, threaded=True),
     "report": Cost(400, 300, 0, 10, 5),
