@@ -43,6 +43,7 @@ mesh_names = {name: fabric.mesh for name, fabric in fabrics.items()}
 models = sorted({model for fabric in fabrics.values() for model in fabric.models})
 # a job of the chart for each kind of method: a new file is a new job, and no other runs again
 kinds = sorted(p.stem for p in PACKAGES["kinran"].glob("compare/methods/[a-z]*.py"))
+# models without a lobe fit all regions alike
 LOBELESS = {"lambert"}
 watch = failures.Watch()
 # shards of a group are no outputs that Snakemake knows. Where one is gone, what says that it is there goes, too
