@@ -47,5 +47,5 @@ rule all:
 # the overview has all fabrics, also after a run in which some failed and whose job for it had to wait for them
 onerror:
     failures.write_overview(
-        Path(*log[:1]).name, watch.failures(fabrics), fabrics, left_out, place
+        Path(*log[:1]).name, watch.failures(mesh_names), fabrics, left_out, place
     )

@@ -124,9 +124,28 @@ def test_templates_count_where_they_are_named(package: Path) -> None:
     assert fresh("p.d") != before
 
 
-def test_unknown_module() -> None:
+def test_what_is_beside_does_not_count(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither what a caller names, nor what never counts, nor what only they import."""
+    monkeypatch.setattr(digest, "BESIDE", frozenset({"p.c"}))
+    assert digest.modules("p.a") == ["p.a", "p.b", "p.q.e"]
+    assert digest.modules("p.a", "p.b") == ["p.a"]
+    before = fresh("p.a"), digest.digest("p.a", "p.b")
+    (package / "c.py").write_text("from p.q import g\n\nz = g\n")
+    (package / "q" / "__init__.py").write_text("g = 4\n")
+    assert (fresh("p.a"), digest.digest("p.a", "p.b")) == before
+    (package / "q" / "e.py").write_text("y = 5\n")
+    assert fresh("p.a") != before[0]
+    assert digest.digest("p.a", "p.b") == before[1]
+
+
+def test_what_never_counts_is_there() -> None:
+    assert all(digest._file(name) for name in digest.BESIDE)
+
+
+@pytest.mark.parametrize("names", [["kinran.none"], ["kinran.fit.fit", "kinran.none"]])
+def test_unknown_module(names: list[str]) -> None:
     with pytest.raises(ModuleNotFoundError):
-        digest.digest("kinran.none")
+        digest.digest(*names)
 
 
 def test_every_stage_has_one() -> None:

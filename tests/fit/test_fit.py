@@ -13,6 +13,7 @@ from cloth_on_disk import Cloth, directions, no_prior, pictures
 from synthetic_texels import grid, radiance, texels
 
 from kinran.data.fabric import Fabric
+from kinran.data.fit_runs import read_runs
 from kinran.data.radiance_stack import Box
 from kinran.fit import fit, samples, slope
 from kinran.fit.samples import Samples
@@ -64,6 +65,22 @@ def test_a_stopped_run_goes_on_where_it_was(cloth: Cloth, monkeypatch: pytest.Mo
     for name, values in whole.items():
         np.testing.assert_array_equal(resumed[name], values)
     assert not [path for path in cloth.folder.iterdir() if path.name.endswith(".tiles")]
+
+
+def test_a_material_does_not_depend_on_how_its_texels_are_divided(cloth: Cloth) -> None:
+    """To the last bit; how many runs there were is noted beside it, for as long as the settings are the same."""
+    materials = []
+    for count in (1, 3):
+        runs = [f"{k}-of-{count}.npz" for k in range(count)]
+        for k, run in enumerate(runs):
+            assert cloth.run("fit", run, *OPTIONS, "--tile", f"{k}/{count}") == 0
+        paths = [cloth.folder / run for run in runs]
+        summary = ["--summary", cloth.folder / "slope.json", "--settings", "these"]
+        assert cloth.run("material", "slope.exr", *OPTIONS, "--runs", *paths, *summary) == 0
+        material = cloth.folder / "slope.exr"
+        assert [read_runs(material, of, 7) for of in ("these", "others")] == [count, 7]
+        materials.append(material.read_bytes())
+    assert materials[0] == materials[1]
 
 
 def test_tiles_of_another_fit_are_not_taken(cloth: Cloth, monkeypatch: pytest.MonkeyPatch) -> None:

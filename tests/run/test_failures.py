@@ -47,14 +47,26 @@ def test_the_last_sentence_of_the_log_that_was_written_last() -> None:
     failed(watch, 1, "stack", written("logs/silk/stack.log", "stack: 9 of 9 shards\nkinran stack: is full\n\n", 20))
     failed(watch, 2, "merge", written("logs/silk/merge/00.log", "merged\n", 10))
     failed(watch, 3, "report", "logs/silk/report.log")
-    assert watch.failures(["silk"]) == [Failure("silk", "stack", "kinran stack: is full", "logs/silk/stack.log")]
+    assert watch.failures({"silk": "generated"}) == [
+        Failure("silk", "stack", "kinran stack: is full", "logs/silk/stack.log")
+    ]
 
 
 def test_a_job_that_said_nothing() -> None:
     watch = Watch(Path())
     failed(watch, 1, "fit", "logs/silk/fit/slope.0.log")
-    (failure,) = watch.failures(["silk"])
+    (failure,) = watch.failures({"silk": "generated"})
     assert failure.says == "said nothing: it was killed, or never began"
+
+
+def test_all_fabrics_fall_with_the_mesh_that_they_share() -> None:
+    watch = Watch()
+    failed(watch, 1, "mesh", written("logs/_meshes/cloth-1/mesh.log", "kinran mesh: has no face\n", 20))
+    found = watch.failures({"silk": "cloth-1", "gold": "cloth-1", "robe": "generated"})
+    assert [(failure.fabric, failure.stage, failure.says) for failure in found] == [
+        ("silk", "mesh", "kinran mesh: has no face"),
+        ("gold", "mesh", "kinran mesh: has no face"),
+    ]
 
 
 def test_what_is_no_failure_of_a_fabric() -> None:
@@ -68,9 +80,9 @@ def test_what_is_no_failure_of_a_fabric() -> None:
     failed(watch, 5, "stability", "")
     emit(watch, Event.JOB_INFO, jobid=6)
     watch.handle(logging.makeLogRecord({"msg": "no event"}))
-    assert watch.failures(["silk"]) == []
+    assert watch.failures({"silk": "generated"}) == []
     failed(watch, 1, "fit", "logs/silk/fit/slope.0.log")
-    assert [failure.fabric for failure in watch.failures(["silk"])] == ["silk"]
+    assert [failure.fabric for failure in watch.failures({"silk": "generated"})] == ["silk"]
 
 
 def test_a_note_is_forgotten_but_not_the_run(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import logging
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -100,6 +101,27 @@ def test_what_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capl
     assert "has no captures and no results" in caplog.text
     assert main(["verify", "none"]) == 2
     assert "captures/none: no such folder" in caplog.text
+
+
+def test_a_mesh_that_fabrics_share_is_checked_with_any_of_them(results: Path, caplog: pytest.LogCaptureFixture) -> None:
+    shared = Path("results/_meshes/generated/mesh.ply")
+    shared.parent.mkdir(parents=True)
+    shutil.copy(results / "scene" / "mesh.ply", shared)
+    assert main(["verify", "swatch"]) == 0
+    flip(shared)
+    assert main(["verify", "swatch"]) == 2
+    assert f"snakemake --forcerun {shared}\n" in caplog.text
+
+
+def test_the_number_of_runs_is_void_with_its_material(results: Path) -> None:
+    runs, material = results / "fit" / ".slope.runs.json", results / "fit" / "slope.exr"
+    material.touch()
+    write_json(runs, {"runs": 3, "of": ""})
+    remove_void(results)
+    assert runs.is_file()
+    material.unlink()
+    remove_void(results)
+    assert not runs.exists()
 
 
 @pytest.mark.parametrize(("shard", "void"), [(1, {"zarr.json", "00.json"}), (2, {"zarr.json"})])

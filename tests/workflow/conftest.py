@@ -30,6 +30,13 @@ class Project:
         for name in ("small.xml", "config.yaml", "config/fabrics.tsv", "config/recapture.tsv"):
             shutil.copyfile(TINY / name, folder / name)
 
+    @classmethod
+    def of(cls, folder: Path) -> "Project":
+        """The project in a folder that is there, or will be."""
+        project = object.__new__(cls)
+        project.folder = folder
+        return project
+
     def configure(self, change: Callable[[dict], object]) -> None:
         config = yaml.safe_load((TINY / "config.yaml").read_text())
         change(config)
@@ -67,6 +74,4 @@ def project(finished: Project, tmp_path: Path) -> Project:
     """A copy of the finished run, times and bookkeeping included."""
     folder = tmp_path / "copy"
     shutil.copytree(finished.folder, folder, symlinks=True)
-    copy = object.__new__(Project)
-    copy.folder = folder
-    return copy
+    return Project.of(folder)

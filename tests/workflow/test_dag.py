@@ -1,19 +1,9 @@
-"""What runs, and above all what does not run again."""
+"""Whole runs: what they leave, and what is made again as it was; which jobs run when, test_reruns.py says."""
 
 import json
 from pathlib import Path
 
-import pytest
 from conftest import Project
-
-from kinran.base.exr import read_exr
-from kinran_bsdf import read_material
-
-
-def downstream(merges: int) -> set[str]:
-    """Rules that follow from a change of the radiance."""
-    return {"merge", "stack", "segment", "need", "prior", "fit", "material", "sigma", "choose", "evaluate", "scene",
-            "render", "report", "overview", "all"} - (set() if merges else {"merge"})  # fmt: skip
 
 
 def test_full_run_leaves_what_users_look_for(finished: Project) -> None:
@@ -28,18 +18,10 @@ def test_full_run_leaves_what_users_look_for(finished: Project) -> None:
     assert set(errors["methods"]["slope"]["lights"]) == set(errors["held_out"])
 
 
-def test_second_run_does_nothing(finished: Project) -> None:
-    assert "Nothing to be done" in finished.run()
-
-
 def test_one_direction_shot_again(project: Project) -> None:
-    """Its group is captured and merged; of that group one bracket is new, and no other file is touched."""
+    """Of its group one bracket is new, and no other manifest is touched."""
     row = "tiny\t40\t45\t1\tthe thread had moved"
     project.sheet("recapture", "fabric\ttheta\tphi\trevision\treason", row)
-    jobs = project.planned()
-    assert jobs["capture"] == 1
-    assert jobs["merge"] == 1
-    assert set(jobs) == downstream(1) | {"capture"}
     groups = project.folder / "captures" / "tiny" / "groups"
     before = {path.name: path.read_bytes() for path in groups.iterdir()}
     project.run("--until", "merge")
@@ -52,72 +34,17 @@ def test_one_direction_shot_again(project: Project) -> None:
     assert all((frames / frame["file"]).is_file() for shot in old + new for frame in shot["frames"])
 
 
-def test_another_holdout_merges_nothing(project: Project) -> None:
-    project.configure(lambda config: config.update(holdout=4))
-    assert set(project.planned()) == downstream(0)
-
-
-def test_another_model_fits_nothing_again(project: Project) -> None:
-    project.configure(lambda config: config["fit"].update(model="takeda2008", compare=["slope"]))
-    assert not {"fit", "prior", "stack", "segment", "merge", "capture"} & set(project.planned())
-
-
-def test_gold_alone_leaves_the_rest_a_texture(project: Project) -> None:
-    project.configure(lambda config: config["fit"].update(regions="shiniest"))
-    project.run("results/tiny/scene/scene.xml")
-    assert "blendbsdf" in (project.folder / "results" / "tiny" / "scene" / "scene.xml").read_text()
-
-
-def closer(project: Project) -> None:
-    """Bring the scene's camera so near that it looks between the threads."""
-    template = project.folder / "small.xml"
+def test_what_no_scene_shows_stays_a_texture(project: Project) -> None:
+    """With a camera that sees one thread, the other one is not fitted."""
+    template, results = project.folder / "small.xml", project.folder / "results" / "tiny"
     text = template.read_text()
     assert 'name="fov" value="12"' in text
     template.write_text(text.replace('name="fov" value="12"', 'name="fov" value="0.002"'))
-
-
-def test_another_camera_fits_again_only_what_depends_on_it(project: Project) -> None:
-    """Maps are those of the needed regions: with a camera that sees one thread, the other one stays a texture."""
-    needs = project.folder / "results" / "tiny" / "need.json"
-    assert [row["needed"] for row in json.loads(needs.read_text())["regions"]] == [True, True]
-    untouched = {"fit", "prior", "material", "segment", "stack", "merge", "capture"}
-    closer(project)
-    jobs = set(project.planned())
-    assert {"need", "scene", "render", "report"} <= jobs
-    assert not untouched & jobs
     project.configure(lambda config: config["fit"].update(regions="needed", compare=[]))
     project.run("results/tiny/scene/scene.xml")
-    assert [row["needed"] for row in json.loads(needs.read_text())["regions"]].count(False) == 1
-    assert "blendbsdf" in (project.folder / "results" / "tiny" / "scene" / "scene.xml").read_text()
-    template = project.folder / "small.xml"
-    template.write_text(template.read_text().replace('value="0.002"', 'value="12"'))
-    assert {"need", "fit", "material", "scene"} <= set(project.planned())
-
-
-def test_a_far_camera_gets_coarse_maps(project: Project) -> None:
-    """Model no more than a scene needs: texels that its camera cannot tell apart are fitted as one."""
-    template = project.folder / "small.xml"
-    template.write_text(template.read_text().replace('name="fov" value="12"', 'name="fov" value="20"'))
-    project.configure(lambda config: config["fit"].update(texels="needed", compare=[]))
-    wanted = "results/tiny/evaluation.json", "results/tiny/scene/scene.xml"
-    project.run(*wanted)
-    results = project.folder / "results" / "tiny"
-    factor = json.loads((results / "need.json").read_text())["footprint"]["coarsest_factor"]
-    assert factor > 1
-    fine, material = read_exr(results / "labels.exr"), read_material(results / "material.exr")
-    assert material.size == tuple(side // factor for side in fine["label"].shape)
-    assert "Nothing to be done" in project.run("--dry-run", *wanted)
-
-
-def test_without_a_rig_nothing_is_ever_captured(project: Project) -> None:
-    project.configure(lambda config: config["rig"].update(device="none", exposures=[25, 100]))
-    assert "Nothing to be done" in project.run("--dry-run")
-
-
-def test_a_comment_in_the_config_reruns_nothing(project: Project) -> None:
-    config = project.folder / "config.yaml"
-    config.write_text("# a note\n" + config.read_text())
-    assert "Nothing to be done" in project.run("--dry-run")
+    need = json.loads((results / "fit" / "need.json").read_text())
+    assert [row["needed"] for row in need["regions"]].count(False) == 1
+    assert "blendbsdf" in (results / "scene" / "scene.xml").read_text()
 
 
 def test_a_job_that_was_killed_is_done_again(project: Project) -> None:
@@ -157,28 +84,6 @@ def test_what_is_wrong_is_said_before_anything_runs(tmp_path: Path) -> None:
     project.sheet("recapture", header, "tiny\t40\t44\t1\tx")
     assert "is no direction of the grid" in project.snakemake("--dry-run").stderr
     assert set(project.planned()) == {"left_out", "overview", "all"}
-
-
-@pytest.mark.parametrize(
-    ("name", "rules"),
-    [
-        ("render.png", {"render", "report"}),
-        ("fit/slope.exr", {"fit", "material", "choose", "evaluate", "sigma", "scene", "render", "report"}),
-        ("labels.exr", {"segment", "fit", "material", "need", "evaluate", "report"}),
-        ("radiance.zarr/radiance/c/0/0/0/0", {"merge", "stack", "segment", "fit", "material", "report"}),
-        ("radiance.zarr/flags/c/4/0/0/0", {"stack", "segment", "fit", "material", "report"}),
-        ("radiance.zarr/flags/zarr.json", {"stack", "segment", "report"}),
-    ],
-)
-def test_what_is_gone_is_made_again(project: Project, name: str, rules: set[str]) -> None:
-    """Also where no rule asks for it, and where no rule can name it."""
-    path = project.folder / "results" / "tiny" / name
-    path.unlink()
-    jobs = project.planned()
-    assert rules <= set(jobs)
-    assert ("merge" in jobs) == ("merge" in rules)
-    assert jobs.get("merge", 1) == 1  # one group of two
-    assert not {"capture", "calibrate"} & set(jobs)
 
 
 def test_a_lost_shard_is_merged_again_and_no_more_than_once(project: Project) -> None:

@@ -64,7 +64,7 @@ def test_what_a_fabric_has_of_its_own_reaches_its_commands_alone(tmp_path: Path)
     for text in (
         *("--phis 16", "--exposures 0.1 ", "--camera-mm 500", "--lamp=xenon", '"motif": "waves"', '"seed": 11'),
         *("--holdout 4", "--tile 2/3", "--model lambert", "--fabric results/other/needed", "--fitted 0"),
-        *("--template close.xml", "cp cloth.ply results/other/scan.ply"),
+        *("--template close.xml", "--mesh results/other/scene/mesh.ply"),
     ):
         assert text in others, text
         assert text not in mine, text
@@ -72,14 +72,23 @@ def test_what_a_fabric_has_of_its_own_reaches_its_commands_alone(tmp_path: Path)
     assert "--model slope" not in others
 
 
-def test_a_scan_that_was_replaced_is_cleaned_again(project: Project) -> None:
-    scan, target = project.folder / "cloth.ply", "results/tiny/scan.ply"
-    shutil.copy(project.folder / target, scan)
-    project.configure(lambda config: config["scene"].update(scan="cloth.ply"))
-    project.run(target)
-    assert "Nothing to be done" in project.run("--dry-run", target)
+def test_a_scan_is_cleaned_once_for_all_fabrics_that_have_it(project: Project) -> None:
+    """Also by another path to the same file, and for a fabric that comes later; a scan that was replaced, again."""
+    scan = project.folder / "cloth.ply"
+    shutil.copy(project.folder / "results" / "tiny" / "scan.ply", scan)
+    project.sheet("fabrics", HEADER, TINY, OTHER)
+    own(project, "tiny", {"scene": {"scan": "cloth.ply"}})
+    own(project, "other", {"scene": {"scan": "./cloth.ply"}})
+    meshes = [f"results/{name}/scene/mesh.ply" for name in ("tiny", "other")]
+    said = project.run(*meshes)
+    assert [said.count(f"rule {name}:") for name in ("scan", "mesh", "own_mesh")] == [1, 1, 2]
+    assert len({(project.folder / mesh).read_bytes() for mesh in meshes}) == 1
+    project.sheet("fabrics", HEADER, TINY, OTHER, "later\trig\t\t\t2\t")
+    own(project, "later", {"scene": {"scan": "cloth.ply"}})
+    assert not {"scan", "mesh"} & set(project.planned())
     scan.write_bytes(scan.read_bytes().replace(b"comment", b"COMMENT", 1) + b" ")
-    assert {"scan", "mesh", "render", "report"} <= set(project.planned())
+    jobs = project.planned()
+    assert (jobs["scan"], jobs["mesh"], jobs["own_mesh"]) == (1, 1, 3)
 
 
 def test_bad_fabrics_stop_no_other(project: Project) -> None:

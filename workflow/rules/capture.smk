@@ -21,7 +21,14 @@ rule plan:
         field=lambda wildcards: settings(wildcards)["rig"]["field_mm"],
         camera=camera_option,
         motion=lambda wildcards: motion_options(settings(wildcards)["rig"]),
-        code=digest("kinran.capture.plan"),
+        # what draws a plan, and what prints it, changes none
+        code=digest(
+            "kinran.capture.plan",
+            "kinran.base.drawing.canvas",
+            "kinran.capture.plan_drawing",
+            "kinran.capture.plan_table",
+            "kinran.rig.errors",
+        ),
     shell:
         "python -m kinran plan --fabric {wildcards.fabric} {params.directions} {params.motion}"
         " --exposures {params.exposures} --lamp-mm {params.lamp} --field-mm {params.field} {params.camera} {output}"
@@ -51,7 +58,9 @@ rule capture:
         revisions=revisions,
         # code that decides the virtual rig's frames; a camera's do not depend on code
         code=(
-            digest("kinran.virtual.devices")
+            digest(
+                "kinran.virtual.devices", "kinran.rig.errors", "kinran.rig.stopping"
+            )
             if config["rig"]["device"] == "virtual"
             else ""
         ),

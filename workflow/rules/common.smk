@@ -1,9 +1,11 @@
+import hashlib
 import json
 import sys
 from functools import cache
 from pathlib import Path
 
 from kinran.base.digest import PACKAGES, digest
+from kinran.data.fit_runs import read_runs
 from kinran.run.config import (
     directions_options,
     lobes_of,
@@ -11,8 +13,9 @@ from kinran.run.config import (
     sheet_of,
 )
 from kinran.run.fabrics import read_fabrics
-from kinran.run import failures, progress, resources, void
+from kinran.run import failures, needs, progress, resources, void
 from kinran.base.files import InputError
+from kinran.scene.template import read_template
 from snakemake.exceptions import WorkflowError
 from snakemake.logging import logger
 
@@ -37,9 +40,14 @@ fabrics, left_out = listed.sound, listed.broken
 
 rig_fabrics = [name for name, fabric in fabrics.items() if fabric.folder is None]
 set_fabrics = [name for name, fabric in fabrics.items() if fabric.folder is not None]
+# by its name, the scan of each mesh; fabrics of one scan share it
+meshes = {fabric.mesh: fabric.scan for fabric in fabrics.values()}
+mesh_names = {name: fabric.mesh for name, fabric in fabrics.items()}
 models = sorted({model for fabric in fabrics.values() for model in fabric.models})
 # a job of the chart for each kind of method: a new file is a new job, and no other runs again
 kinds = sorted(p.stem for p in PACKAGES["kinran"].glob("compare/methods/[a-z]*.py"))
+# models without a lobe fit all regions alike
+LOBELESS = {"lambert"}
 watch = failures.Watch(place)
 # (rules of a module may have other names)
 stages = {
@@ -66,6 +74,7 @@ wildcard_constraints:
     group="[0-9]+|calibration|views",
     model=any_of(models),
     job="[0-9]+",
+    mesh=any_of(meshes),
 
 
 def given(path):
@@ -88,7 +97,9 @@ def settings(wildcards):
 
 @cache
 def size_of(fabric):
-    """Return the size of a fabric, on which depends what its jobs ask for."""
+    """Return the size of a fabric, on which depends what its jobs ask for; none of what fabrics share."""
+    if not fabric:
+        return resources.Size(0, 0)
     return resources.size_of(fabrics[fabric], place / "captures")
 
 
@@ -100,14 +111,14 @@ def threads_of(stage):
 def memory_of(stage):
     """Return the megabytes of a stage's jobs, as a function of their wildcards and the attempt."""
     return lambda wildcards, attempt: resources.memory_mb(
-        stage, size_of(wildcards.fabric), attempt
+        stage, size_of(wildcards.get("fabric")), attempt
     )
 
 
 def runtime_of(stage, jobs=lambda wildcards: 1):
     """Return the minutes of a stage's jobs, of which so many (by wildcards) share its work, in the same way."""
     return lambda wildcards, attempt, threads: resources.minutes(
-        stage, size_of(wildcards.fabric), attempt, threads * jobs(wildcards)
+        stage, size_of(wildcards.get("fabric")), attempt, threads * jobs(wildcards)
     )
 
 
@@ -217,9 +228,20 @@ def fitted(name):
     )
 
 
+def fit_settings(wildcards):
+    """Return what decides a fit, other than its inputs, in a word."""
+    lobes = slope_lobes(wildcards) if wildcards.model == "slope" else ""
+    texels = settings(wildcards)["fit"]["texels"]
+    said = texels, regions_of(wildcards), lobes, digest("kinran.fit.fit")
+    return hashlib.sha256(repr(said).encode()).hexdigest()[:12]
+
+
 def jobs_of(wildcards):
-    """Return the number of jobs among which a fabric's texels are divided."""
-    return settings(wildcards)["fit"]["jobs"]
+    """Return the number of jobs among which a fabric's texels are divided: for a fit that is there, as it was."""
+    fits = place / "results" / wildcards.fabric / "fit"
+    material = fits / f"{wildcards.model}.exr"
+    asked = settings(wildcards)["fit"]["jobs"]
+    return read_runs(material, fit_settings(wildcards), asked)
 
 
 def runs_of(wildcards):
@@ -237,19 +259,49 @@ def sigma_of(wildcards):
 
 
 def template_of(wildcards):
-    """Return the scene that shows a fabric."""
-    return given(settings(wildcards)["scene"]["template"])
+    """Return the scene that shows a fabric: what it says is in parameters, so that no comment runs a job again."""
+    return ancient(given(settings(wildcards)["scene"]["template"]))
+
+
+def template_digest(wildcards):
+    """Return a digest of what the scene says of all but the samples a pixel."""
+    return read_template(Path(settings(wildcards)["scene"]["template"])).digest
+
+
+def samples_option(wildcards):
+    """Return the option for the samples a pixel, where they stand apart in the scene; else the scene itself has them."""
+    samples = read_template(Path(settings(wildcards)["scene"]["template"])).samples
+    return f"--spp {samples}" if samples else ""
 
 
 def scan_of(wildcards):
-    """Return the scan of a fabric's cloth; none for a generated one."""
-    return given(fabrics[wildcards.fabric].scan)
+    """Return the scan of a mesh; none for a generated one."""
+    return given(meshes[wildcards.mesh])
+
+
+def shared_mesh(name):
+    """Return a file of the mesh that a fabric shares, as a function of a rule's wildcards."""
+    return lambda wildcards: f"results/_meshes/{mesh_names[wildcards.fabric]}/{name}"
+
+
+def fit_question(wildcards):
+    """Return what the scene is asked for the fit: the same as before while the answer is the same."""
+    fit = settings(wildcards)["fit"]
+    uses = needs.Uses(fit["texels"] == "needed", fit["regions"] == "needed")
+    template = Path(settings(wildcards)["scene"]["template"])
+    return needs.question(place / "results" / wildcards.fabric, template, uses)
+
+
+def regions_of(wildcards):
+    """Return which regions get a lobe; all of a model that has none, as it fits them alike."""
+    regions = settings(wildcards)["fit"]["regions"]
+    return regions if wildcards.model not in LOBELESS else "all"
 
 
 def need_of(wildcards):
-    """Return the file of the scene's need where the fit uses it; else the fit does not depend on the scene."""
-    asked = settings(wildcards)["fit"]["regions"] == "needed"
-    return f"results/{wildcards.fabric}/need.json" if asked else []
+    """Return the file of what the scene needs where the fit uses it; else the fit does not depend on the scene."""
+    asked = regions_of(wildcards) == "needed"
+    return f"results/{wildcards.fabric}/fit/need.json" if asked else []
 
 
 def slope_lobes(wildcards):
@@ -276,7 +328,7 @@ def choice_of(wildcards):
 
 def fitted_option(wildcards, input):
     """Return the option for the regions that get a lobe: all, the shiniest (label 0), or those the scene shows."""
-    regions = settings(wildcards)["fit"]["regions"]
+    regions = regions_of(wildcards)
     if regions == "needed":
         return f"--need {input.need}"
     return "--fitted 0" if regions == "shiniest" else ""

@@ -25,7 +25,7 @@ rule coarsen:
         stack="results/{fabric}/radiance.zarr/zarr.json",
         labels="results/{fabric}/labels.exr",
         regions="results/{fabric}/regions.json",
-        need="results/{fabric}/need.json",
+        need="results/{fabric}/fit/need.json",
     output:
         stack="results/{fabric}/needed/radiance.zarr/zarr.json",
         radiance="results/{fabric}/needed/radiance.zarr/radiance/zarr.json",
@@ -151,10 +151,11 @@ rule material:
         fabric=subpath(input.labels, parent=True),
         fitted=fitted_option,
         lobes=lobes_option,
+        settings=fit_settings,
         code=digest("kinran.fit.material"),
     shell:
         "python -m kinran material {output.material:q} --fabric {params.fabric:q}"
-        " --model {wildcards.model} {params.lobes} {params.fitted} --runs {input.runs:q}"
+        " --model {wildcards.model} {params.lobes} {params.fitted} --settings {params.settings} --runs {input.runs:q}"
         " --summary {output.summary:q} 2>&1 | tee {log}"
 
 
@@ -254,6 +255,8 @@ rule evaluate:
         runtime=runtime_of("evaluate"),
     params:
         fabric=subpath(input.labels, parent=True),
+        # their order counts: the first makes the material
+        methods=methods,
         code=digest("kinran.judge.evaluate"),
     shell:
         "python -m kinran evaluate {output.errors:q} --name {wildcards.fabric} --fabric {params.fabric:q}"

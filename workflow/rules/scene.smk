@@ -1,10 +1,11 @@
+# what fabrics with one scan share: it is cleaned once, also where one of them is added later
 rule scan:
     input:
         scan_of,
     output:
-        "results/{fabric}/scan.ply",
+        "results/_meshes/{mesh}/scan.ply",
     log:
-        "logs/{fabric}/scan.log",
+        "logs/_meshes/{mesh}/scan.log",
     resources:
         mem_mb=memory_of("scan"),
         runtime=runtime_of("scan"),
@@ -17,14 +18,14 @@ rule scan:
 
 rule mesh:
     input:
-        "results/{fabric}/scan.ply",
+        "results/_meshes/{mesh}/scan.ply",
     output:
-        mesh="results/{fabric}/scene/mesh.ply",
-        report="results/{fabric}/mesh.json",
+        mesh="results/_meshes/{mesh}/mesh.ply",
+        report="results/_meshes/{mesh}/mesh.json",
     log:
-        "logs/{fabric}/mesh.log",
+        "logs/_meshes/{mesh}/mesh.log",
     benchmark:
-        "results/{fabric}/benchmarks/mesh.tsv"
+        "results/_meshes/{mesh}/mesh.tsv"
     resources:
         mem_mb=memory_of("mesh"),
         runtime=runtime_of("mesh"),
@@ -32,6 +33,24 @@ rule mesh:
         code=digest("kinran.scene.mesh"),
     shell:
         "python -m kinran mesh {input:q} {output.mesh:q} --report {output.report:q} 2>&1 | tee {log}"
+
+
+rule own_mesh:
+    # copies, so that the folder of a fabric has all that its scene shows; links would have one time stamp for all
+    input:
+        scan=shared_mesh("scan.ply"),
+        mesh=shared_mesh("mesh.ply"),
+        report=shared_mesh("mesh.json"),
+    output:
+        scan="results/{fabric}/scan.ply",
+        mesh="results/{fabric}/scene/mesh.ply",
+        report="results/{fabric}/mesh.json",
+    log:
+        "logs/{fabric}/own_mesh.log",
+    localrule: True
+    shell:
+        "(cp {input.scan:q} {output.scan:q} && cp {input.mesh:q} {output.mesh:q}"
+        " && cp {input.report:q} {output.report:q}) 2>{log:q}"
 
 
 rule scene:
@@ -48,6 +67,7 @@ rule scene:
         runtime=runtime_of("scene"),
     params:
         folder=subpath(output[0], parent=True),
+        says=template_digest,
         code=digest("kinran.scene.scene"),
     shell:
         "python -m kinran scene --template {input.template:q} --mesh {input.mesh:q}"
@@ -71,8 +91,9 @@ rule render:
         mem_mb=memory_of("render"),
         runtime=runtime_of("render"),
     params:
+        samples=samples_option,
         code=digest("kinran.scene.render"),
         plugin=digest("kinran_bsdf"),
     shell:
-        "(python -m kinran render {input:q} --out {output.exr:q}"
+        "(python -m kinran render {input:q} --out {output.exr:q} {params.samples}"
         " && python -m kinran render {input:q} --out {output.sweep:q} --sweep 5) 2>&1 | tee {log}"

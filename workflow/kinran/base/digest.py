@@ -6,6 +6,9 @@ system, without importing.
 
 A package's `__init__` counts where a name is taken from it, and not where an import only leads through it: those of
 this project hold a docstring, hand names on, or say where compiled code is kept.
+
+Some modules of `base` never count (`BESIDE`), and a rule can name more that do not count for it: they move files, check
+them or talk, and decide no value in a result.
 """
 
 import ast
@@ -25,11 +28,21 @@ PACKAGES = {
     "benchmarks": ROOT / "benchmarks",
 }
 """Folders of the packages that a digest looks into."""
+BESIDE = frozenset(f"kinran.base.{name}" for name in ("checksums", "command_line", "digest", "files", "log", "project"))
+"""Modules that no digest holds: they write a file under a temporary name and rename it, read it back and check it,
+parse a command line, tell how far a stage is, and find code. No value that a stage computes depends on how."""
 
 
 @functools.cache
-def digest(module: str) -> str:
+def digest(module: str, *beside: str) -> str:
     """Return twelve hexadecimal digits that change when the code behind `module` does.
+
+    Parameters
+    ----------
+    module
+        Name of the module.
+    beside
+        Names of modules that do not count for this digest, nor what only they import.
 
     Raises
     ------
@@ -37,24 +50,23 @@ def digest(module: str) -> str:
         The project has no such module.
     """
     whole = hashlib.sha256()
-    for name, content in sorted(_contents(modules(module)).items()):
+    for name, content in sorted(_contents(modules(module, *beside)).items()):
         whole.update(name.encode() + b"\0" + content.encode() + b"\0")
     return whole.hexdigest()[:12]
 
 
-def modules(module: str) -> list[str]:
-    """Return the sorted names of a module and of all modules of this project that it imports, directly or not.
+def modules(module: str, *beside: str) -> list[str]:
+    """Return the sorted names of the modules that a digest holds: a module, and those that it imports, directly or not.
 
-    Raises
-    ------
-    ModuleNotFoundError
-        The project has no such module.
+    Parameters and errors are those of `digest`.
     """
+    if unknown := next((name for name in beside if not _file(name)), None):
+        raise ModuleNotFoundError(unknown)
     found: set[str] = set()
     todo = [module]
     while todo:
         name = todo.pop()
-        if name not in found and _file(name):
+        if name not in found and name not in BESIDE.union(beside) and _file(name):
             found.add(name)
             todo += imports(name)
     if module not in found:

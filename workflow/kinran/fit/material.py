@@ -13,6 +13,7 @@ from scipy.ndimage import distance_transform_edt
 from kinran.base.files import InputError, sha256, write_json
 from kinran.base.npz import read_npz
 from kinran.data.fabric import Fabric
+from kinran.data.fit_runs import write_runs
 from kinran.data.labels import LabelMap
 from kinran.fit.lobed_regions import chosen_lobes, kind, lobed_labels
 from kinran.fit.slope_lobes import Lobes
@@ -53,10 +54,11 @@ class Options:
     lobes: Annotated[Literal[1, 2], "number of lobes of the slope model"] = 1
     tail: Annotated[Literal["gaussian", "ggx"], "tail of its lobes"] = "ggx"
     fitted: Annotated[tuple[int, ...] | None, "labels that have a lobe (default: all)"] = None
+    settings: Annotated[str, "what the runs were planned with, in a word: it is noted with their number"] = ""
 
 
 def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
-    """Write the material and a summary of its cost.
+    """Write the material, a summary of its cost, and beside it how many runs it was fitted in.
 
     Raises
     ------
@@ -82,6 +84,7 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
         "filled_texels": filled,
         "clamped_share": round(float((bound < 1).mean()), 5),
     }
+    write_runs(out.material, len(inputs.runs), options.settings)
     write_json(out.summary, summary)
     if filled:
         log.info("material: %d texels have no samples of their own; filled from their regions", filled)

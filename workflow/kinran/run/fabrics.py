@@ -4,7 +4,10 @@ What is wrong with the config or with a whole sheet is an error. What is wrong w
 wrong with one fabric, and is kept by its name: the others go on.
 """
 
+import hashlib
 import json
+import os
+import re
 import shlex
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -24,6 +27,8 @@ OF_PHOTOGRAPHS = ("lamp_mm", "field_mm", "camera_mm", "chart", "chart_corners", 
 """Columns of the sheet of fabrics that it need not have."""
 GENERATED = "generated"
 """The scan that stands for a simulated one."""
+MESHES = "_meshes"
+"""Folder, among the results, of the meshes that fabrics share; no fabric can have its name."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +115,14 @@ class FabricRow:
     def lp_option(self) -> str:
         """Options of `kinran ingest` for the file of lights."""
         return f"--lp {shlex.quote(str(self.lp))}" if self.lp else ""
+
+    @property
+    def mesh(self) -> str:
+        """Name of the mesh of its scan, which it shares with all fabrics of that scan."""
+        if self.scan is None:
+            return GENERATED
+        path = os.path.normpath(self.scan).encode()
+        return f"{re.sub(r'[^a-z0-9]+', '-', self.scan.stem.lower())}-{hashlib.sha256(path).hexdigest()[:8]}"
 
     @property
     def region_option(self) -> str:

@@ -7,11 +7,12 @@ cured. The file also names the run, so that it differs after each.
 import logging
 import subprocess
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from kinran.base.files import InputError, read_json, write_json
+from kinran.run.fabrics import MESHES
 
 FILE = Path("results", "failures.json")
 """Where the failures of a run are noted."""
@@ -85,16 +86,25 @@ class Watch(logging.Handler):
         elif event == "JOB_FINISHED":  # at a new attempt
             self.failed.pop(said["job_id"], None)
 
-    def failures(self, fabrics: Collection[str]) -> list[Failure]:
-        """Return a failure for each fabric that has one: the last, as jobs of a group are all reported with it."""
+    def failures(self, meshes: Mapping[str, str]) -> list[Failure]:
+        """Return a failure for each fabric that has one: the last, as jobs of a group are all reported with it.
+
+        Parameters
+        ----------
+        meshes
+            By the name of each fabric, that of its mesh: where that fails, all fabrics do that share it.
+        """
         found: dict[str, tuple[float, Failure]] = {}
         for rule, path in self.failed.values():
             # (rules of a module may have other names)
-            fabric, *stage = path.relative_to(self.logs).parts if path.is_relative_to(self.logs) else [""]
-            extra = not stage or stage[0].startswith(EXTRA)
+            of = path.relative_to(self.logs).parts if path.is_relative_to(self.logs) else ()
+            shared = of[1:2] if of[:1] == (MESHES,) else ()
+            extra = len(of) < 2 or of[1].startswith(EXTRA)
             written = path.stat().st_mtime if path.is_file() else 0.0
-            if fabric in fabrics and not extra and written >= found.get(fabric, (0.0,))[0]:
-                found[fabric] = written, Failure(fabric, rule, _last_sentence(path), str(path))
+            for fabric, mesh in meshes.items():
+                failed = (mesh,) == shared or (fabric,) == of[:1]
+                if failed and not extra and written >= found.get(fabric, (0.0,))[0]:
+                    found[fabric] = written, Failure(fabric, rule, _last_sentence(path), str(path))
         return [failure for _, failure in found.values()]
 
 

@@ -100,6 +100,7 @@ COSTS = {
     "scan": Cost(100),
     "mesh": Cost(260),
     "need": Cost(180, seconds=3),
+    "need_to_fit": Cost(180, seconds=3),
     "scene": Cost(150, 80, seconds=2),
     "render": Cost(250, 200, 0, 40, threaded=True),
     "report": Cost(400, 300, 0, 5, 5),

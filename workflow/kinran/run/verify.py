@@ -9,6 +9,7 @@ from typing import Annotated
 from kinran.base.files import NAME, InputError, check_name
 from kinran.base.log import progress
 from kinran.run.damage import Checked, Fault, check_capture, check_results
+from kinran.run.fabrics import MESHES
 
 log = logging.getLogger(__name__)
 
@@ -24,6 +25,8 @@ def main(fabrics: Annotated[tuple[str, ...], "FABRIC", "names of fabrics (defaul
     names = [check_name(name, "fabric") for name in fabrics] or _here()
     if not names:
         raise InputError(f"{Path.cwd()}: has no captures and no results; run this in the folder of the run")
+    if Path("results", MESHES).is_dir():  # of which fabrics have copies
+        names.append(MESHES)
     faults = [fault for name in names for fault in _verify(name)]
     if faults:
         if command := remedy(faults):

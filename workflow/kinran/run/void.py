@@ -1,7 +1,8 @@
-"""Void files: receipts and metadata of a stack that say that shards are there which are gone.
+"""Void files: those that say that another one is there which is gone.
 
 No rule can name the shards of a group: they are no function of its name. So Snakemake sees the receipt of a merge job,
-and `zarr.json`, which completes a stack, and not that a shard is gone. The rules ask here before jobs are planned.
+and `zarr.json`, which completes a stack, and not that a shard is gone. Nor can a rule name the number of runs in which
+a material was fitted (`kinran.data.fit_runs`). The rules ask here before jobs are planned.
 """
 
 import logging
@@ -9,6 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from kinran.base.files import InputError, read_json
+from kinran.data.fit_runs import RUNS
 from kinran.data.shards import NAMES, SHARD, read_receipt, shard_path
 
 log = logging.getLogger(__name__)
@@ -16,8 +18,8 @@ log = logging.getLogger(__name__)
 
 def remove_void(results: Path) -> None:
     """Remove the void files of a fabric's folder, so that the jobs that wrote them run again, and say so."""
-    for path, shard in void(results):
-        log.warning("%s: is gone; %s, which says that it is there, is removed, and its job runs again", shard, path)
+    for path, gone in void(results):
+        log.warning("%s: is gone; %s, which says that it is there, is removed, and its job runs again", gone, path)
         try:
             path.unlink()
         except OSError as error:
@@ -25,10 +27,11 @@ def remove_void(results: Path) -> None:
 
 
 def void(results: Path) -> list[tuple[Path, Path]]:
-    """Return the void files of a fabric's folder, each with a shard that is gone.
+    """Return the void files of a fabric's folder, each with a file that is gone.
 
     They are receipts of merge jobs, and the ``zarr.json`` of stacks: without the latter Snakemake would not miss a
-    receipt, as what is made from it is there. Damaged files are left to the stages that read them.
+    receipt, as what is made from it is there. Damaged files are left to the stages that read them. The number of runs
+    is void with its material, so that a new fit is divided as the config asks.
     """
     stack, coarse = results / "radiance.zarr", results / "needed" / "radiance.zarr"
     found: list[tuple[Path, Path]] = []
@@ -40,6 +43,9 @@ def void(results: Path) -> list[tuple[Path, Path]]:
         found += [(path, gone) for gone in _gone(stack, shards)[:1]]
     for folder in (stack, coarse):
         found += [(folder / "zarr.json", gone) for gone in _gone(folder, range(_shards(folder)))[:1]]
+    for path in sorted((results / "fit").glob(f".*{RUNS}")):
+        material = path.with_name(path.name.removeprefix(".").removesuffix(RUNS) + ".exr")
+        found += [(path, material)] if not material.is_file() else []
     return found
 
 

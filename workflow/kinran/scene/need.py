@@ -4,6 +4,7 @@ The template is loaded with the mesh and the label map in place of a material, a
 to the cloth and from there to the lights, without path tracing. The answer is a JSON:
 
 template        name of the scene
+asked           a digest of what the template says, and one of the code that answers
 camera          width, height: pixels of the picture
 rays            number of rays from the camera, spread evenly over the picture
 cloth_share     share of the picture's pixels, in [0, 1], that show the cloth
@@ -45,6 +46,7 @@ from kinran.data.labels import LabelMap, Region
 from kinran.data.needed_regions import SHOWN
 from kinran.scene.placement import placement, uv_size
 from kinran.scene.stand_in import stand_in
+from kinran.scene.template import need_key
 
 mi: Any = mitsuba  # its types are those of the variant, at run time
 
@@ -73,10 +75,17 @@ class Inputs:
     fabric: Annotated[Path, "folder of radiance stack, label map and regions"]
 
 
-def main(inputs: Inputs, out: Annotated[Path, "OUT", "needs of the scene (.json)"]) -> None:
+@dataclass(frozen=True)
+class Options:
+    asked: Annotated[str | None, "what to note as the question; that of the template if not given"] = None
+
+
+def main(
+    inputs: Inputs, out: Annotated[Path, "OUT", "needs of the scene (.json)"], options: Options = Options()
+) -> None:
     """Write the needs of the scene, and log them in one line."""
     result = need(inputs.template, inputs.mesh, Fabric(inputs.fabric))
-    write_json(out, result)
+    write_json(out, {**result, "asked": options.asked or need_key(inputs.template)})
     unseen = [row["name"] for row in result["regions"] if not row["needed"]]
     log.info(
         "need: %.2f texels a pixel, %d can be averaged; not shown: %s",
