@@ -131,7 +131,7 @@ def predicted(job):
         return None
     if stage == "overview":
         return resources.seconds(stage, resources.Size(0, 0), 1)
-    fabric = job.wildcards.fabric
+    fabric = job.wildcards.get("fabric")
     if stage == "capture":
         return resources.capture_seconds(
             fabrics[fabric], job.wildcards.group, job.threads, place / "captures"

@@ -99,6 +99,7 @@ COSTS = {
     "evaluate": Cost(200, 180, 0.1, 5, 5, 0.1),
     "scan": Cost(100),
     "mesh": Cost(260),
+    "own_mesh": Cost(10, seconds=0),
     "need": Cost(180, seconds=3),
     "need_to_fit": Cost(180, seconds=3),
     "scene": Cost(150, 80, seconds=2),
