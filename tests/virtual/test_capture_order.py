@@ -57,16 +57,15 @@ def test_the_order_of_the_groups_changes_no_frame(plan: Plan) -> None:
 
 
 def test_another_code_of_the_rig_is_shot_anew(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every frame of the group, once; the old ones stay."""
+    """Every frame of the group, once, at its own time of the lamp; the old ones stay."""
     group = next(group for group in plan.groups if group.lights)
     before = capture(plan, "code", group.name)
     assert capture(plan, "code", group.name) == before
     monkeypatch.setattr("kinran.capture.capture.digest", lambda module: "other")
-    after = capture(plan, "code", group.name)
-    assert not set(before.values()) & set(after.values())
-    assert capture(plan, "code", group.name) == after
-    kept = {hashlib.sha256(path.read_bytes()).hexdigest() for path in Path("code/superseded").rglob("*.dng")}
-    assert kept == set(before.values())
+    for _ in range(2):
+        assert capture(plan, "code", group.name) == before
+        kept = [hashlib.sha256(path.read_bytes()).hexdigest() for path in Path("code/superseded").rglob("*.dng")]
+        assert sorted(kept) == sorted(before.values())
 
 
 def test_a_frame_that_is_shot_again_has_noise_of_its_own(plan: Plan) -> None:

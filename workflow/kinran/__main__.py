@@ -7,6 +7,7 @@ import sys
 from types import ModuleType
 
 from kinran.base import command_line as words
+from kinran.base.end_with_run import end_with_run
 from kinran.base.files import InputError
 from kinran.base.log import to_stderr
 
@@ -128,4 +129,5 @@ def parser_of(name: str, stage: ModuleType) -> argparse.ArgumentParser:
 
 
 if __name__ == "__main__":
+    end_with_run()
     sys.exit(main())

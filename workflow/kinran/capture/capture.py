@@ -77,7 +77,11 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "manifest of the group"], o
     watched = LiveFile(root, Live(plan.fabric, options.group, os.getpid(), device=options.device, usb=config.usb,
                                serial=config.serial))  # fmt: skip
 
+    begin: Callable[[str], None] | None = None
+
     def tell(**changes: Any) -> None:
+        if "shot" in changes and begin:
+            begin(changes["shot"])
         if "frame" in changes:
             changes["frame"] = seen(root, *changes["frame"])
         watched.update(**changes)
@@ -87,11 +91,12 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "manifest of the group"], o
     if options.device == "hid":
         device, devices = config.device, partial(rig_devices, config, root, watched.ask)
     else:
-        from kinran.virtual.devices import virtual_devices  # it imports the path tracer
+        from kinran.virtual.devices import VirtualGroup  # it imports the path tracer
 
         scene = dict(options.virtual)
         device = {"device": options.device, "scene": scene, "code": digest("kinran.virtual.devices")}
-        devices = partial(virtual_devices, root, scene, options.group)
+        virtual = VirtualGroup(root, scene, plan, options.group, options.revisions)
+        devices, begin = virtual.devices, virtual.begin
     try:
         with interruptible():
             value = capture(plan, options.group, root, devices, device, options.revisions, config.lighting, tell)
