@@ -8,7 +8,7 @@ from types import ModuleType
 
 from kinran.base import command_line as words
 from kinran.base.end_with_run import end_with_run
-from kinran.base.files import InputError
+from kinran.base.files import InputError, disk_fault
 from kinran.base.log import to_stderr
 
 log = logging.getLogger("kinran")
@@ -95,6 +95,14 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         log.error("kinran %s: stopped", name)
         return 130
+    except MemoryError:
+        log.error("kinran %s: memory has run out; run fewer jobs at once (--cores), or ask for more of it", name)
+        return 2
+    except OSError as error:
+        if not (fault := disk_fault(error)):
+            raise
+        log.error("kinran %s: %s: %s and run it again", name, error.filename or "a file", fault)
+        return 2
     return 0
 
 

@@ -20,11 +20,13 @@ from snakemake.logging import logger
 
 # jobs use the interpreter that runs Snakemake, with or without an activated environment; in a container they use its
 # own, with the code of this project (a prefix of one's own replaces Snakemake's, so the strict mode is part of it).
-# they end when this process does
+# They end when this process does; of one that is killed otherwise its log tells, as it cannot do so itself
 code = ":".join(str(path.parent) for path in PACKAGES.values())
 shell.prefix(
     f'if [ -n "$APPTAINER_CONTAINER" ]; then export PYTHONPATH={code};'
     f" else export PATH={Path(sys.executable).parent}:$PATH; fi; export {RUN}={os.getpid()}; set -euo pipefail; "
+    'python() {{ command python "$@" || {{ s=$?; [ $s != 137 ] || echo "kinran $3: was killed, most likely as memory'
+    ' ran out; run fewer jobs at once (--cores), or ask for more memory (--set-resources)" >&2; return $s; }}; }}; '
 )
 
 try:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from kinran.base.digest import digest
-from kinran.base.files import InputError, write_json
+from kinran.base.files import DISK, InputError, write_json
 from kinran.capture.brackets_taken import Wanted, finished, manifest, missing, setup_digest
 from kinran.capture.journal import JOURNAL, Journal
 from kinran.capture.light_dose import Lighting
@@ -19,7 +19,6 @@ from kinran.capture.live import Live, LiveFile, seen
 from kinran.capture.lost_records import checked_brackets, record_last
 from kinran.capture.rig_devices import rig_config, rig_devices
 from kinran.capture.session import UNLIMITED, Session, untold
-from kinran.capture.store import DISK
 from kinran.data.capture_plan import Plan, read_plan
 from kinran.rig.camera import Camera, CameraError
 from kinran.rig.errors import RigError
