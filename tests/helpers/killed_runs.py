@@ -17,6 +17,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -47,7 +48,7 @@ CONFIG = {
 }
 FRONT = "import sys; from kinran.run.snakemake import run_snakemake; sys.exit(run_snakemake(sys.argv[1:]))"
 """What `kinran rti`, `kinran demo` and `kinran adaptive` do around their Snakemake."""
-COSTS = re.compile(rb'"(?:[a-z_]*seconds[a-z_]*|peak_mb|session|run)": [^,}\n]*')
+COSTS = re.compile("[a-z_]*seconds[a-z_]*|peak_mb|session|run")
 """Fields of JSON that say what a job cost, and which session or run it was."""
 OF_A_RUN = ("benchmarks", "card", "superseded", "journal.jsonl", "journal.copy.jsonl", "live.json", "report.html")
 """Folders and files that tell of sessions and costs: benchmarks, the virtual camera's card, journals, pages."""
@@ -129,10 +130,11 @@ def campaign(folder: Path, kills: int, seed: int, say: Callable[[str], None] = p
     """Kill runs of the small project until so many kills are done, and compare each project when it is finished."""
     chance, tally = random.Random(seed), Tally()
     work, whole = folder / "project", folder / "undisturbed"
-    make_project(work)
-    if begin(work, folder / "undisturbed.log").wait():
-        raise RuntimeError((folder / "undisturbed.log").read_text()[-2000:])
-    work.rename(whole)  # files hold paths, so that all projects are made in the same folder
+    if not whole.exists():
+        make_project(work)
+        if begin(work, folder / "undisturbed.log").wait():
+            raise RuntimeError((folder / "undisturbed.log").read_text()[-2000:])
+        work.rename(whole)  # files hold paths, so that all projects are made in the same folder
     while sum(tally.kills.values()) < kills:
         make_project(work)
         log = folder / f"killed.{tally.projects}.log"
@@ -226,8 +228,16 @@ def content(path: Path) -> bytes:
     """Content of a file without what it says of costs and sessions."""
     data = path.read_bytes()
     if path.suffix == ".json":
-        return json.dumps(json.loads(COSTS.sub(b'"":0', data))).encode()
+        return json.dumps(without_costs(json.loads(data))).encode()
     if path.suffix == ".npz":
         with zipfile.ZipFile(path) as archive:
-            return b"".join(archive.read(name) for name in sorted(archive.namelist()) if "seconds" not in name)
+            names = [name for name in sorted(archive.namelist()) if not COSTS.fullmatch(name.removesuffix(".npy"))]
+            return b"".join(archive.read(name) for name in names)
     return data
+
+
+def without_costs(value: Any) -> Any:
+    """Return JSON without the fields of `COSTS`."""
+    if isinstance(value, dict):
+        return {key: without_costs(part) for key, part in value.items() if not COSTS.fullmatch(key)}
+    return [without_costs(part) for part in value] if isinstance(value, list) else value

@@ -57,6 +57,21 @@ def test_a_job_that_said_nothing() -> None:
     assert failure.says == "said nothing: it was killed, or never began"
 
 
+def test_a_job_that_was_killed_in_the_middle_of_its_work() -> None:
+    """What it said last is no reason; where its shell could still tell, that is the sentence that matters."""
+    watch = Watch()
+    failed(watch, 1, "merge", written("logs/silk/merge/00.log", "group 00: 3 of 8 shards\n", 10))
+    failed(
+        watch, 2, "fit", written("logs/wool/fit.log", "slope: 3 of 8 tiles\nkinran fit: was killed, most likely\n", 10)
+    )
+    failed(watch, 3, "need", written("logs/felt/need.log", "Traceback …\nMemoryError\n", 10))
+    assert [failure.says for failure in watch.failures(["silk", "wool", "felt"])] == [
+        "said no error, so it was killed, or Snakemake misses a file; last: group 00: 3 of 8 shards",
+        "kinran fit: was killed, most likely",
+        "MemoryError",
+    ]
+
+
 def test_what_is_no_failure_of_a_fabric() -> None:
     """A job that a new attempt finished, one that all fabrics share, a row that is wrong, and the chart."""
     watch = Watch()
