@@ -3,6 +3,7 @@
 What was made is then compared with an undisturbed run, byte for byte but for what a run says of itself.
 """
 
+import contextlib
 import json
 import os
 import random
@@ -54,6 +55,10 @@ OF_A_RUN = ("benchmarks", "card", "superseded", "journal.jsonl", "journal.copy.j
 """Folders and files that tell of sessions and costs: benchmarks, the virtual camera's card, journals, pages."""
 SIDECAR = ".jsonl"
 """Suffix of the sidecars of brackets, which hold lines of the journal."""
+JOBS = (1, 4)
+"""A kill comes after so many jobs more, least and most: so runs get on, however fast the machine is."""
+LATER_S = 1.5
+"""Most seconds from the last of these to the kill."""
 GIVE_UP_S = 900.0
 """Seconds after which a run counts as stuck."""
 
@@ -155,30 +160,31 @@ def campaign(folder: Path, kills: int, seed: int, say: Callable[[str], None] = p
 
 
 def disturb(front: "subprocess.Popen[bytes]", chance: random.Random, tally: Tally, kills: int) -> int:
-    """Kill something of a run after random times, until it ends; returns its exit code."""
-    began, due = time.monotonic(), time.monotonic() + chance.uniform(1, 6)
+    """Kill something of a run, each time that a few jobs more were begun, until it ends; returns its exit code."""
+    began, due, seen, wanted = time.monotonic(), 0.0, set[int](), chance.randint(*JOBS)
     while front.poll() is None:
         time.sleep(0.02)
         if time.monotonic() > began + GIVE_UP_S:
-            os.kill(front.pid, signal.SIGKILL)
+            front.kill()
             raise RuntimeError("a run is stuck")
-        if time.monotonic() < due or sum(tally.kills.values()) >= kills:
+        if sum(tally.kills.values()) >= kills:
             continue
         found = processes(front.pid)
         jobs = [pid for pid, words in found.items() if "-m kinran " in words and "bash" not in words]
+        seen.update(jobs)
+        if len(seen) < wanted:
+            due = time.monotonic() + chance.uniform(0, LATER_S)
         snakemake = [pid for pid, words in found.items() if "-m snakemake" in words and "bash" not in words]
-        if not jobs or not snakemake:
+        if len(seen) < wanted or time.monotonic() < due or not jobs or not snakemake:
             continue
         kind = chance.choice(["job", "job", "snakemake", "all", "front"])
         victims = {"job": [chance.choice(jobs)], "snakemake": snakemake, "all": list(found), "front": [front.pid]}[kind]
         for pid in victims:
-            try:
+            with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
-            except ProcessLookupError:
-                continue
         tally.kills[kind] += 1
         tally.stages.update(stage_of(found[pid]) for pid in (victims if kind == "job" else jobs))
-        due = time.monotonic() + chance.uniform(0.3, 4)
+        seen, wanted = set(jobs), len(jobs) + chance.randint(*JOBS)
     return front.wait()
 
 

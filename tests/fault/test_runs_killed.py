@@ -1,0 +1,129 @@
+"""Whole runs that are killed, disturbed by a second one, or whose config changes; `kinran bench run-kills` does it for
+longer.
+"""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from killed_runs import FRONT, PHOTOGRAPHED, make_project, processes, stage_of
+
+from kinran.base.project import ROOT
+from kinran.run.owner import LOCKS, owned
+
+MADE = f"captures/{PHOTOGRAPHED}/groups/00.json"
+"""What is asked for: two jobs."""
+
+
+@pytest.fixture
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    make_project(tmp_path / "project")
+    monkeypatch.chdir(tmp_path / "project")
+    return tmp_path / "project"
+
+
+def begin(log: str = "run.log") -> "subprocess.Popen[bytes]":
+    """Begin a run in this folder, as `kinran rti` does."""
+    with Path(log).open("wb") as said:
+        command = [sys.executable, "-c", FRONT, "--cores", "1", "--quiet", "rules", "--", MADE]
+        return subprocess.Popen(command, stdout=said, stderr=said, start_new_session=True)
+
+
+def wait_for(found: Callable[[], int], run: "subprocess.Popen[bytes]") -> int:
+    """Wait until something is found, while a run goes on."""
+    while not (what := found()):
+        assert run.poll() is None, Path("run.log").read_text()
+        time.sleep(0.01)
+    return what
+
+
+def stopped_job(run: "subprocess.Popen[bytes]") -> int:
+    """Wait for a job of a run, stop it where it is (SIGSTOP), and return its process."""
+
+    def find() -> int:
+        below = processes(run.pid)
+        return next((pid for pid, words in below.items() if "-m kinran " in words and "bash" not in words), 0)
+
+    job = wait_for(find, run)
+    os.kill(job, signal.SIGSTOP)
+    assert stage_of(processes(run.pid)[job]) == "ingest"
+    return job
+
+
+def gone(process: int) -> bool:
+    """Whether a process has ended."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except OSError:
+        return True
+
+
+def test_two_at_once_killed_and_run_again(project: Path) -> None:
+    first = begin()
+    job = stopped_job(first)
+    assert begin("second.log").wait() != 0
+    second = Path("second.log").read_text()
+    assert "another run works in this folder (process " in second
+    assert "Traceback" not in second
+    os.kill(job, signal.SIGKILL)  # as the kernel does where memory runs out
+    assert first.wait() != 0
+    (failure,) = json.loads(Path("results/failures.json").read_bytes())["failures"][:1]
+    assert failure["says"].startswith(
+        "kinran ingest: was killed, most likely as memory ran out; run fewer jobs at once"
+    )
+
+    run = begin()
+    left = [*processes(run.pid), stopped_job(run), *processes(run.pid)]
+    assert LOCKS.is_dir()
+    run.kill()
+    run.wait()
+    for process in left:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(process, signal.SIGCONT)
+    deadline = time.monotonic() + 60
+    while not all(gone(process) for process in left):
+        assert time.monotonic() < deadline, "something of a killed run lives on"
+        time.sleep(0.05)
+    assert LOCKS.is_dir()
+    assert not Path(MADE).exists()
+
+    again = begin()
+    job = stopped_job(again)
+    sheet = Path("config/fabrics.tsv")
+    sheet.write_text(sheet.read_text().replace("srgb", "linear"))
+    os.kill(job, signal.SIGCONT)
+    assert again.wait() == 0, Path("run.log").read_text()
+    assert "was killed (process " in Path("run.log").read_text()
+    assert Path(MADE).exists()
+    assert not LOCKS.exists()
+    plan = json.loads(Path(f"captures/{PHOTOGRAPHED}/plan.json").read_bytes())
+    assert plan["encoding"] == "srgb"  # jobs of this machine keep what their run began with
+
+
+def test_a_job_elsewhere_refuses_a_config_that_has_changed(project: Path) -> None:
+    """Such jobs read config and sheets again; `kinran.run.owner` has what the run began with."""
+    job = [
+        sys.executable,
+        "-m",
+        "snakemake",
+        "--snakefile",
+        str(ROOT / "Snakefile"),
+        "--cores",
+        "1",
+        "--mode",
+        "remote",
+    ]
+    job += ["--nolock", "--target-jobs", f"ingest:fabric={PHOTOGRAPHED}", "--quiet", "rules", "--force"]
+    with owned({PHOTOGRAPHED: "what it was"}):
+        done = subprocess.run(job, capture_output=True, text=True, check=False)
+    said = f"fabric '{PHOTOGRAPHED}': its settings have changed since the run began, so this job is not run"
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.returncode == 1
