@@ -51,7 +51,7 @@ def wait_for(found: Callable[[], int], run: "subprocess.Popen[bytes]") -> int:
     """Wait until something is found, while a run goes on."""
     while not (what := found()):
         assert run.poll() is None, Path("run.log").read_text()
-        time.sleep(0.01)
+        time.sleep(0.05)
     return what
 
 

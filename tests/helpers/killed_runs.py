@@ -167,7 +167,7 @@ def disturb(front: "subprocess.Popen[bytes]", chance: random.Random, tally: Tall
     """Kill something of a run, each time that a few jobs more were begun, until it ends; returns its exit code."""
     began, due, seen, wanted = time.monotonic(), 0.0, set[int](), chance.randint(*JOBS)
     while front.poll() is None:
-        time.sleep(0.02)
+        time.sleep(0.05)
         if time.monotonic() > began + GIVE_UP_S:
             front.kill()
             raise RuntimeError("a run is stuck")

@@ -102,6 +102,7 @@ def guard(workflow: Any, listed: Fabrics, error: type[Exception]) -> None:
     error
         What to raise where it is refused, with the sentence that says why.
     """
+    logging.raiseExceptions = False  # a log file on a full disk: the sentence is enough, without a traceback
     execute = workflow.execute
     if hasattr(execute, "__wrapped__"):  # the rules were included twice, as modules
         return
@@ -260,6 +261,7 @@ def _write(file: int, owner: Owner) -> None:
     try:
         os.ftruncate(file, 0)
         os.pwrite(file, json.dumps(asdict(owner), indent=1).encode() + b"\n", 0)
+        os.fsync(file)
     except OSError as error:
         raise InputError(
             f"{FILE.resolve()}: cannot be written ({error.strerror}); free some space, and run again"
