@@ -172,4 +172,6 @@ def test_jobs_elsewhere_refuse_other_settings_than_the_run_began_with(monkeypatc
         owner.check_settings(listed, {"silk", ""})
         with pytest.raises(InputError, match="fabric 'wool': its settings have changed since the run began"):
             owner.check_settings(listed, {"wool"})
+        with pytest.raises(InputError, match="its folder is not mounted"):
+            owner.check_settings(replace(listed, broken={"wool": "its folder is not mounted"}), {"wool"})
     owner.check_settings(listed, {"wool"})

@@ -187,11 +187,13 @@ def check_settings(listed: Fabrics, fabrics: set[str]) -> None:
     Raises
     ------
     InputError
-        Config, sheets or settings of a fabric have changed since the run began.
+        Config, sheets or settings of a fabric have changed since the run began, or its row is wrong here.
     """
     owner, now = read(FILE), digests(listed)
     began = owner.settings if owner and not owner.ended else {}
     for name in sorted(fabrics & began.keys()):
+        if name in listed.broken:
+            raise InputError(listed.broken[name])
         if now.get(name) != began[name]:
             raise InputError(
                 f"fabric '{name}': its settings have changed since the run began, so this job is not run;"
