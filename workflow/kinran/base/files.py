@@ -194,9 +194,19 @@ def fitted(path: Path, value: Any, kind: type[T], what: str, remedy: str = "make
 
 
 def sha256(path: Path) -> str:
-    """Return the SHA-256 of a file's bytes in hexadecimal."""
-    with on_disk(path, "cannot be read"), path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    """Return the SHA-256 of a file's bytes in hexadecimal.
+
+    Raises
+    ------
+    OSError
+        The file cannot be read; the error names it.
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        error.filename = str(path)
+        raise
 
 
 def check_name(name: str, what: str) -> str:
