@@ -37,14 +37,14 @@ def configured(folder: Path, change: Callable[[dict[str, Any]], object] = lambda
 
 
 class Played:
-    """`subprocess.run` that notes the commands: proposals take 8 rows to 16, 24 and 32, the workflow does nothing."""
+    """`kinran propose` and the workflow, noted: proposals take 8 rows to 16, 24 and 32, the workflow does nothing."""
 
     def __init__(self, fails: Callable[[str], int] = lambda _: 0) -> None:
         self.said: list[str] = []
         self.fails = fails
 
     def __call__(self, command: list[str], **options: Any) -> "subprocess.CompletedProcess[str]":
-        said = "propose" if "propose" in command else "unlock" if "--unlock" in command else "workflow"
+        said = "propose" if "propose" in command else "workflow"
         self.said.append(said)
         if said == "propose":
             sheet = Path(command[-1])
@@ -55,33 +55,38 @@ class Played:
             sheet.with_suffix(".json").write_text(json.dumps([{"directions": rows, "error": 0.08}]))
         return subprocess.CompletedProcess(command, self.fails(said))
 
+    def instead(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Play them for the test."""
+        monkeypatch.setattr(subprocess, "run", self)
+        monkeypatch.setattr(adaptive, "run_snakemake", lambda options, files: self(list(options)).returncode)
+
 
 def test_rounds_until_there_is_no_further_group(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     played = Played()
-    monkeypatch.setattr(subprocess, "run", played)
+    played.instead(monkeypatch)
     adaptive.main(configured(tmp_path))
     assert played.said == ["propose", *["workflow", "propose"] * 3]
     assert "tiny: 32 directions, error 0.080 (wanted: 0.1); 353 fewer than the grid" in capsys.readouterr().out
 
 
 def test_a_killed_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first dies in its workflow; the second takes the lock off it, and begins no sheet."""
+    """The first dies in its workflow; the second begins no sheet."""
 
     def killed(said: str) -> int:
         if said == "workflow":
             raise KeyboardInterrupt
         return 0
 
-    monkeypatch.setattr(subprocess, "run", Played(killed))
+    Played(killed).instead(monkeypatch)
     options = configured(tmp_path)
     with pytest.raises(KeyboardInterrupt):
         adaptive.main(options)
     again = Played()
-    monkeypatch.setattr(subprocess, "run", again)
+    again.instead(monkeypatch)
     adaptive.main(options)
-    assert again.said == ["unlock", *["workflow", "propose"] * 3]
+    assert again.said == ["workflow", "propose"] * 3
 
 
 @pytest.mark.parametrize(
@@ -90,14 +95,14 @@ def test_a_killed_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 def test_a_step_that_fails_stops_the_rounds(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: str, says: str
 ) -> None:
-    monkeypatch.setattr(subprocess, "run", Played(lambda said: said == part))
+    Played(lambda said: said == part).instead(monkeypatch)
     with pytest.raises(InputError, match=says):
         adaptive.main(configured(tmp_path))
 
 
 def test_one_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     played = Played()
-    monkeypatch.setattr(subprocess, "run", played)
+    played.instead(monkeypatch)
     options = configured(tmp_path)
     (tmp_path / ".snakemake").mkdir()
     with (tmp_path / adaptive.LOCK).open("w") as held:
@@ -127,7 +132,7 @@ def test_only_fabrics_with_an_adaptive_plan_of_their_own(
 ) -> None:
     """The others are left alone; a broken row is said at the end, when the rounds are done."""
     played = Played()
-    monkeypatch.setattr(subprocess, "run", played)
+    played.instead(monkeypatch)
     options = configured(tmp_path, lambda c: c["rig"].update(plan="grid"))
     rows = "fabric\tsource\tencoding\tcrop\tregions\tseeds\ntiny\trig\t\t\t2\t\nother\trig\t\t\t2\t\nbad\trig\n"
     (tmp_path / "config" / "fabrics.tsv").write_text(rows)

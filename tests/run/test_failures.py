@@ -60,12 +60,27 @@ def test_a_job_that_said_nothing() -> None:
 
 
 def test_all_fabrics_fall_with_the_mesh_that_they_share() -> None:
-    watch = Watch()
+    watch = Watch(Path())
     failed(watch, 1, "mesh", written("logs/_meshes/cloth-1/mesh.log", "kinran mesh: has no face\n", 20))
     found = watch.failures({"silk": "cloth-1", "gold": "cloth-1", "robe": "generated"})
     assert [(failure.fabric, failure.stage, failure.says) for failure in found] == [
         ("silk", "mesh", "kinran mesh: has no face"),
         ("gold", "mesh", "kinran mesh: has no face"),
+    ]
+
+
+def test_a_job_that_was_killed_in_the_middle_of_its_work() -> None:
+    """What it said last is no reason; where its shell could still tell, that is the sentence that matters."""
+    watch = Watch(Path())
+    failed(watch, 1, "merge", written("logs/silk/merge/00.log", "group 00: 3 of 8 shards\n", 10))
+    failed(
+        watch, 2, "fit", written("logs/wool/fit.log", "slope: 3 of 8 tiles\nkinran fit: was killed, most likely\n", 10)
+    )
+    failed(watch, 3, "need", written("logs/felt/need.log", "Traceback …\nMemoryError\n", 10))
+    assert [failure.says for failure in watch.failures(dict.fromkeys(("silk", "wool", "felt"), "generated"))] == [
+        "said no error, so it was killed, or Snakemake misses a file; last: group 00: 3 of 8 shards",
+        "kinran fit: was killed, most likely",
+        "MemoryError",
     ]
 
 
@@ -128,4 +143,5 @@ def test_rules_and_folders_of_a_module_have_other_names() -> None:
     failed(watch, 1, "kinran_fit", written("textiles/logs/silk/fit/slope.0.log", "is full\n", 20))
     failed(watch, 2, "kinran_chart_kind", written("textiles/logs/silk/chart/linear.log", "is empty\n", 30))
     failed(watch, 3, "mine", written("logs/silk/mine.log", "is no job of the module\n", 40))
-    assert watch.failures(["silk"]) == [Failure("silk", "kinran_fit", "is full", "textiles/logs/silk/fit/slope.0.log")]
+    found = watch.failures({"silk": "generated"})
+    assert found == [Failure("silk", "kinran_fit", "is full", "textiles/logs/silk/fit/slope.0.log")]

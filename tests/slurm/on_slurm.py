@@ -180,7 +180,6 @@ def through_slurm(cluster: Cluster, folder: Path, checks: Checks) -> None:
     names = cluster.command("squeue", "-h", "-o", "%i %j").splitlines()
     cluster.command("scancel", *(row.split()[0] for row in names if row.split()[1].startswith("kinran")))
     until(lambda: not cluster.command("squeue", "-h").strip())
-    run(work, cluster.environment, "--unlock", *profile)
 
     before = len(cluster.log())
     second = start(work, cluster.environment, *options)

@@ -1,5 +1,7 @@
 """A tiny virtual fabric, run once through the whole workflow."""
 
+import fcntl
+import os
 import re
 import shutil
 import subprocess
@@ -63,10 +65,17 @@ class Project:
 
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Project:
-    """The tiny fabric after a full run; tests that change it take a copy."""
-    project = Project(tmp_path_factory.mktemp("project"))
-    project.run()
-    return project
+    """The tiny fabric after a full run, one for all processes of a test run; tests that change it take a copy."""
+    base = tmp_path_factory.getbasetemp()
+    base = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    folder = base / "finished"
+    with (base / "finished.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not folder.exists():
+            project = Project(base / "unfinished")
+            project.run()
+            project.folder.rename(folder)
+    return Project.of(folder)
 
 
 @pytest.fixture

@@ -7,7 +7,8 @@ import sys
 from types import ModuleType
 
 from kinran.base import command_line as words
-from kinran.base.files import InputError
+from kinran.base.end_with_run import end_with_run
+from kinran.base.files import InputError, disk_fault
 from kinran.base.log import to_stderr
 from kinran.base.stand_ins import StandIns
 
@@ -98,6 +99,14 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         log.error("kinran %s: stopped", name)
         return 130
+    except MemoryError:
+        log.error("kinran %s: memory has run out; run fewer jobs at once (--cores), or ask for more of it", name)
+        return 2
+    except OSError as error:
+        if not (fault := disk_fault(error)):
+            raise
+        log.error("kinran %s: %s: %s and run it again", name, error.filename or "a file", fault)
+        return 2
     return 0
 
 
@@ -132,4 +141,5 @@ def parser_of(name: str, stage: ModuleType) -> argparse.ArgumentParser:
 
 
 if __name__ == "__main__":
+    end_with_run()
     sys.exit(main())

@@ -1,5 +1,6 @@
 import hashlib
 import json
+import os
 import sys
 from functools import cache
 from pathlib import Path
@@ -13,18 +14,22 @@ from kinran.run.config import (
     sheet_of,
 )
 from kinran.run.fabrics import read_fabrics
-from kinran.run import failures, needs, progress, resources, void
+from kinran.run import failures, needs, owner, progress, resources, void
+from kinran.base.end_with_run import RUN
 from kinran.base.files import InputError
 from kinran.scene.template import read_template
 from snakemake.exceptions import WorkflowError
 from snakemake.logging import logger
 
 # jobs use the interpreter that runs Snakemake, with or without an activated environment; in a container they use its
-# own, with the code of this project (a prefix of one's own replaces Snakemake's, so the strict mode is part of it)
+# own, with the code of this project (a prefix of one's own replaces Snakemake's, so the strict mode is part of it).
+# They end when this process does; of one that is killed otherwise its log tells, as it cannot do so itself
 code = ":".join(str(path.parent) for path in PACKAGES.values())
 shell.prefix(
     f'if [ -n "$APPTAINER_CONTAINER" ]; then export PYTHONPATH={code};'
-    f" else export PATH={Path(sys.executable).parent}:$PATH; fi; set -euo pipefail; "
+    f" else export PATH={Path(sys.executable).parent}:$PATH; fi; export {RUN}={os.getpid()}; set -euo pipefail; "
+    'python() {{ command python "$@" || {{ s=$?; [ $s != 137 ] || echo "kinran $3: was killed, most likely as memory'
+    ' ran out; run fewer jobs at once (--cores), or ask for more memory (--set-resources)" >&2; return $s; }}; }}; '
 )
 
 # where a module with `prefix:` has its captures, results and logs
@@ -37,6 +42,7 @@ except InputError as error:
 
 # a fabric with a wrong row gets one job alone, which fails with what is wrong (left_out.smk)
 fabrics, left_out = listed.sound, listed.broken
+owner.guard(workflow, listed, place, WorkflowError)
 
 rig_fabrics = [name for name, fabric in fabrics.items() if fabric.folder is None]
 set_fabrics = [name for name, fabric in fabrics.items() if fabric.folder is not None]

@@ -13,13 +13,12 @@ rule ingest:
         encoding=lambda wildcards: fabrics[wildcards.fabric].encoding,
         crop=lambda wildcards: fabrics[wildcards.fabric].crop,
         holdout=lambda wildcards: settings(wildcards)["holdout"],
-        distances=lambda wildcards: fabrics[wildcards.fabric].distance_options,
-        lp=lambda wildcards: fabrics[wildcards.fabric].lp_option,
+        lights=lambda wildcards: fabrics[wildcards.fabric].light_options,
         code=digest("kinran.capture.ingest"),
     shell:
         "python -m kinran ingest --folder {params.folder:q} --fabric {wildcards.fabric}"
         " --encoding {params.encoding:q} --crop={params.crop:q} --holdout {params.holdout}"
-        " {params.distances} {params.lp} {output:q} 2>&1 | tee {log}"
+        " {params.lights} {output:q} 2>&1 | tee {log}"
 
 
 rule ingest_group:

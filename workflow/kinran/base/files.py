@@ -1,5 +1,7 @@
 """Files on disk are the interface between stages: written to a temporary name, then renamed."""
 
+import contextlib
+import errno
 import hashlib
 import json
 import os
@@ -20,8 +22,46 @@ NAME = re.compile(r"[a-z0-9][a-z0-9_-]*")
 """Pattern of names that are safe as paths, as words of a shell and in HTML."""
 
 
+DISK = {
+    errno.ENOSPC: "the disk is full (no space left); free some space",
+    errno.EDQUOT: "the disk is full (no space left in its quota); free some space",
+    errno.EIO: "the disk fails (input/output error); check it, or copy the folder to another one,",
+    errno.EROFS: "the disk can only be read, often after an error of its own; check it, mount it again",
+}
+"""What is wrong with a disk that gives an error of this number, and what to do about it."""
+
+
 class InputError(Exception):
     """Input of the user that cannot be used; the message is one sentence: file, value, remedy."""
+
+
+def disk_fault(error: BaseException) -> str:
+    """Return what is wrong with the disk where it caused an error, also one that a C library tells of in words.
+
+    Returns
+    -------
+    str
+        The fault and its remedy; empty for an error with another cause.
+    """
+    found = (DISK[n] for n in DISK if getattr(error, "errno", None) == n or os.strerror(n) in str(error))
+    return next(found, "")
+
+
+@contextmanager
+def on_disk(path: Path, does: str = "cannot be written") -> Iterator[None]:
+    """Name `path` in an error of the disk in the block.
+
+    Raises
+    ------
+    InputError
+        The disk is full, fails, or can only be read.
+    """
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        if fault := disk_fault(error):
+            raise InputError(f"{path}: {does}: {fault} and run it again") from None
+        raise
 
 
 @contextmanager
@@ -41,7 +81,7 @@ def atomic(path: Path) -> Iterator[Path]:
     Raises
     ------
     InputError
-        The folder cannot be written to.
+        The folder cannot be written to, or the disk is full or fails.
     """
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
@@ -52,10 +92,12 @@ def atomic(path: Path) -> Iterator[Path]:
             f"{path.parent}: cannot be written to ({error.strerror}); choose another output folder"
         ) from None
     try:
-        yield temporary
-        temporary.replace(path)
+        with on_disk(path):
+            yield temporary
+            temporary.replace(path)
     finally:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            temporary.unlink()
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -68,6 +110,20 @@ def write_json(path: Path, value: Any) -> None:
         temporary.write_bytes(body + json_line(body))
 
 
+def read_bytes(path: Path) -> bytes:
+    """Return the content of a file.
+
+    Raises
+    ------
+    InputError
+        The disk fails.
+    OSError
+        The file is missing, or cannot be opened.
+    """
+    with on_disk(path, "cannot be read"):
+        return path.read_bytes()
+
+
 def read_json(path: Path) -> Any:
     """Read a JSON file, and check its checksum where it has one.
 
@@ -77,7 +133,7 @@ def read_json(path: Path) -> Any:
         The file is missing, is not JSON, or does not match its checksum.
     """
     try:
-        data = path.read_bytes()
+        data = read_bytes(path)
         if json_damaged(data):
             raise InputError(
                 f"{path}: does not match its checksum; restore it or make it again, or delete its last line, which is"
@@ -98,7 +154,7 @@ def check_comment(path: Path) -> None:
     InputError
         The file does not match it.
     """
-    if comment_damaged(path.read_bytes()):
+    if comment_damaged(read_bytes(path)):
         raise InputError(
             f"{path}: does not match its checksum; restore it or make it again, or delete the line with kinran:crc32 if"
             " it was edited on purpose"
@@ -138,9 +194,19 @@ def fitted(path: Path, value: Any, kind: type[T], what: str, remedy: str = "make
 
 
 def sha256(path: Path) -> str:
-    """Return the SHA-256 of a file's bytes in hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    """Return the SHA-256 of a file's bytes in hexadecimal.
+
+    Raises
+    ------
+    OSError
+        The file cannot be read; the error names it.
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        error.filename = str(path)
+        raise
 
 
 def check_name(name: str, what: str) -> str:

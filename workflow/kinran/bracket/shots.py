@@ -52,7 +52,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Taken:
-    """A shot that was taken; attributes are those of the manifest."""
+    """A shot that was taken; attributes are those of the manifest, whose times compare within a session alone."""
 
     shot: str
     kind: str
@@ -60,6 +60,7 @@ class Taken:
     time_s: float | None
     photodiode: float | None
     frames: tuple[Frame, ...]
+    session: int = 0
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,7 @@ def read_manifest(path: Path, plan: Plan) -> list[Taken]:
                     )
                     for frame in shot["frames"]
                 ),
+                shot.get("session") or 0,
             )
             for shot in value["shots"]
         ]

@@ -45,7 +45,8 @@ def lamp_gains(
     """Return the light of the lamp at each shot, by name, relative to that on the white plate.
 
     The photodiode gives the changes from shot to shot; the monitors (repeats of θ = 0) scale them to the light on the
-    fabric. Without a photodiode, the monitors' level is interpolated over time.
+    fabric. Without a photodiode, the monitors' level is interpolated over the time of their session; a session without
+    monitors has their mean.
 
     Parameters
     ----------
@@ -72,11 +73,14 @@ def lamp_gains(
         factor = float(np.median(ratios)) if ratios else 1.0
         gains = {shot.shot: diode[shot.shot] * factor for shot in shots}
     elif relative and all(shot.time_s is not None for shot in shots):
-        order = np.argsort([float(shot.time_s or 0) for shot in monitors])
-        times = np.array([float(shot.time_s or 0) for shot in monitors])[order]
-        gains = {
-            shot.shot: float(np.interp(float(shot.time_s or 0), times, np.array(relative)[order])) for shot in shots
-        }
+        at = dict(zip((shot.shot for shot in monitors), relative, strict=True))
+        for session in {shot.session for shot in shots}:
+            own = sorted((shot for shot in shots if shot.session == session), key=lambda shot: float(shot.time_s or 0))
+            known = [shot for shot in own if shot.shot in at]
+            times, light = [float(shot.time_s or 0) for shot in known], [at[shot.shot] for shot in known]
+            if not known:  # a capture that went on after its last monitor, or shot some directions again
+                times, light = [0.0], [float(np.mean(relative))]
+            gains |= {shot.shot: float(np.interp(float(shot.time_s or 0), times, light)) for shot in own}
     elif relative:
         gains = {shot.shot: float(np.mean(relative)) for shot in shots}
     else:
@@ -84,6 +88,7 @@ def lamp_gains(
             f"{manifest}: has no photodiode readings, and no repeats of θ = 0 that the calibration knows;"
             " calibrate with a manifest that has some"
         )
+    gains = {shot.shot: gains[shot.shot] for shot in shots}
     for name, gain in gains.items():
         if not 0.5 <= gain <= 2:
             raise InputError(f"{manifest}: the lamp at shot '{name}' was {gain:.2f} times its light on the white plate")

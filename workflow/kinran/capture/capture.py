@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from kinran.base.digest import digest
-from kinran.base.files import InputError, write_json
+from kinran.base.files import DISK, InputError, write_json
 from kinran.capture.brackets_taken import Wanted, finished, manifest, missing, setup_digest
 from kinran.capture.journal import JOURNAL, Journal
 from kinran.capture.light_dose import Lighting
@@ -19,7 +19,6 @@ from kinran.capture.live import Live, LiveFile, seen
 from kinran.capture.lost_records import checked_brackets, record_last
 from kinran.capture.rig_devices import rig_config, rig_devices
 from kinran.capture.session import UNLIMITED, Session, untold
-from kinran.capture.store import DISK
 from kinran.data.capture_plan import Plan, read_plan
 from kinran.rig.camera import Camera, CameraError
 from kinran.rig.errors import RigError
@@ -77,7 +76,11 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "manifest of the group"], o
     watched = LiveFile(root, Live(plan.fabric, options.group, os.getpid(), device=options.device, usb=config.usb,
                                serial=config.serial))  # fmt: skip
 
+    begin: Callable[[str], None] | None = None
+
     def tell(**changes: Any) -> None:
+        if "shot" in changes and begin:
+            begin(changes["shot"])
         if "frame" in changes:
             changes["frame"] = seen(root, *changes["frame"])
         watched.update(**changes)
@@ -87,11 +90,12 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "manifest of the group"], o
     if options.device == "hid":
         device, devices = config.device, partial(rig_devices, config, root, watched.ask)
     else:
-        from kinran.virtual.devices import virtual_devices  # it imports the path tracer
+        from kinran.virtual.devices import VirtualGroup  # it imports the path tracer
 
         scene = dict(options.virtual)
         device = {"device": options.device, "scene": scene, "code": digest("kinran.virtual.devices")}
-        devices = partial(virtual_devices, root, scene, options.group)
+        virtual = VirtualGroup(root, scene, plan, options.group, options.revisions)
+        devices, begin = virtual.devices, virtual.begin
     try:
         with interruptible():
             value = capture(plan, options.group, root, devices, device, options.revisions, config.lighting, tell)

@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 from itertools import chain, islice
 from pathlib import Path
 
-from kinran.base.files import InputError, sha256
+from kinran.base.files import DISK, InputError, sha256
 from kinran.base.log import progress
 from kinran.capture.brackets_taken import frame_place, read_brackets
 from kinran.capture.journal import COPY, JOURNAL, Record, line, lock, parse, split, sync_folder, write_synced
 from kinran.capture.lost_records import aside_name, unknown_files
 from kinran.capture.sidecar import Sidecar, keep_sidecar, read_sidecars
-from kinran.capture.store import DISK, remove_parts
+from kinran.capture.store import remove_parts
 from kinran.data.picture_kind import is_raw
 from kinran.data.raw import read_raw
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from kinran.base.files import InputError
+from kinran.base.files import DISK, InputError
 from kinran.capture.arms import go
 from kinran.capture.brackets_taken import JournalBracket, Wanted, missing, read_brackets
 from kinran.capture.exposing import TRIES, expose
@@ -21,7 +21,7 @@ from kinran.capture.lamp_watch import LampWatch
 from kinran.capture.light_dose import Dose, Lighting, check_dose, light_dose
 from kinran.capture.next_shots import check_way, in_order
 from kinran.capture.sidecar import keep_sidecar
-from kinran.capture.store import DISK, Fetched, check_space, fetch, land, quarantine, remove_parts, set_aside, tidy_card
+from kinran.capture.store import Fetched, check_space, fetch, land, quarantine, remove_parts, set_aside, tidy_card
 from kinran.data.capture_plan import Plan
 from kinran.rig.camera import Camera, CameraError, CardFile
 from kinran.rig.errors import RebootedError, RigError

@@ -1,6 +1,5 @@
 """The files of a capture: frames get their final names only when the disk has them whole."""
 
-import errno
 import hashlib
 import os
 import shutil
@@ -17,14 +16,6 @@ UNRECORDED = "unrecorded"
 """Folder in ``superseded`` of files that made room for a frame; the name of each begins with its digest."""
 FETCHES = 3
 """Times that a file is fetched from the card before the session stops: a choice."""
-
-DISK = {
-    errno.ENOSPC: "the disk is full; free some space",
-    errno.EDQUOT: "the disk is full; free some space",
-    errno.EIO: "the disk fails (input/output error); check it, or copy the folder to another one,",
-    errno.EROFS: "the disk can only be read, often after an error of its own; check it, mount it again",
-}
-"""What to do about errors of the disk."""
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import math
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kinran.base.checksums import json_line
-from kinran.base.files import InputError, atomic, read_json
+from kinran.base.files import InputError, atomic, on_disk, read_json
 from kinran.data.lights import Light as Light
 from kinran.data.radiance import HOT, SATURATED, Flags, Radiance
 from kinran.data.shards import NAMES, SHARD, shard_path
@@ -226,7 +226,8 @@ class ShardWriter:
 
     def __exit__(self, *error: Any) -> None:
         for file in self._files.values():
-            file.close()
+            with suppress(OSError):  # it was not to be kept, or `write` has closed it
+                file.close()
         self._context.__exit__(*error)
 
     def add(self, picture: Radiance) -> None:
@@ -234,14 +235,19 @@ class ShardWriter:
         shape, of_flags = picture.value.shape, picture.flags.shape
         if shape != (*self._size, 3) or of_flags != shape:
             raise ValueError(f"{shape} and {of_flags} are no pictures of {self._size}")
-        for first in range(0, len(picture.value), CHUNK):
-            half, bits = _half(picture[first : first + CHUNK])
-            self._files["radiance"].write(half.tobytes())
-            self._files["flags"].write(bits.tobytes())
+        with on_disk(self._folder):
+            for first in range(0, len(picture.value), CHUNK):
+                half, bits = _half(picture[first : first + CHUNK])
+                self._files["radiance"].write(half.tobytes())
+                self._files["flags"].write(bits.tobytes())
         self._lights += 1
 
     def write(self, first: int) -> list[Path]:
         """Write the shards, of which `first` is the first light; return the files."""
+        with on_disk(self._folder):
+            return self._write(first)
+
+    def _write(self, first: int) -> list[Path]:
         shape = (self._lights, *self._size, 3)
         written = []
         for name, dtype in zip(NAMES, ("float16", "uint8"), strict=True):
@@ -283,7 +289,7 @@ def write_metadata(folder: Path, metadata: Metadata) -> None:
     }
     import zarr
 
-    with _scratch(folder) as scratch:
+    with _scratch(folder) as scratch, on_disk(folder):
         zarr.create_group(scratch, attributes=attributes)
         shape = (len(metadata.lights), metadata.height, metadata.width, 3)
         for name, dtype in zip(NAMES, ("float16", "uint8"), strict=True):

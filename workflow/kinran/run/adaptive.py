@@ -18,14 +18,12 @@ from typing import Annotated, Any
 import yaml
 
 from kinran.base.files import InputError, read_json
-from kinran.base.project import ROOT
 from kinran.run.config import ADAPTIVE, lobes_of, rig_directions, sheet_of
 from kinran.run.fabrics import read_rows
+from kinran.run.snakemake import run_snakemake
 
 LOCK = ".snakemake/adaptive.lock"
 """File that a run locks, and the workflow that it starts with it."""
-MARK = ".snakemake/adaptive.started"
-"""File that is there while the workflow runs: if nobody holds the lock, that run was killed."""
 
 
 @dataclass(frozen=True)
@@ -93,15 +91,7 @@ def _sheet(settings: dict[str, Any], name: str) -> Path:
 def _round(settings: dict[str, Any], name: str, cores: int, lock: int) -> bool:
     """Run the workflow as far as the error of a fabric, and ask for a further group; returns whether there is one."""
     targets = [f"results/{name}/{file}" for file in ("evaluation.json", "fit/prior.json")]
-    snakemake = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile")]
-    mark = Path(MARK)
-    if mark.exists():
-        subprocess.run([*snakemake, "--unlock", "--quiet", "all"], check=False)
-    mark.touch()
-    command = [*snakemake, "--cores", str(cores), "--quiet", "rules", "--", *targets]
-    failed = subprocess.run(command, check=False, pass_fds=(lock,)).returncode
-    mark.unlink()
-    if failed:
+    if run_snakemake(["--cores", str(cores), "--quiet", "rules", "--", *targets], files=(lock,)):
         raise InputError(f"{name}: the run did not finish; the messages above and the folder logs say why")
     before = _sheet(settings, name).read_bytes()
     _propose(settings, name)

@@ -1,17 +1,15 @@
 """Run the whole pipeline with the project's config: by default the virtual rig, with no hardware and no data."""
 
 import os
-import subprocess
-import sys
 from typing import Annotated
 
 from kinran.base.files import InputError
 from kinran.base.project import ROOT
+from kinran.run.snakemake import run_snakemake
 
 
 def main(cores: Annotated[int, "processor cores to use (default: all)"] = os.cpu_count() or 1) -> None:
     """Run Snakemake, and print where the report and the picture are."""
-    command = [sys.executable, "-m", "snakemake", "--cores", str(cores), "--quiet", "rules"]
-    if subprocess.run(command, cwd=ROOT, check=False).returncode:
+    if run_snakemake(["--cores", str(cores), "--quiet", "rules"], folder=ROOT):
         raise InputError("the run did not finish; the messages above and the folder logs say why")
     print("open results/report.html; the picture is results/brocade/render.png")

@@ -131,10 +131,10 @@ class FabricRow:
         return f"{count}--seeds={shlex.quote(self.seeds)}" if self.seeds else count
 
     @property
-    def distance_options(self) -> str:
-        """Options of `kinran ingest`."""
+    def light_options(self) -> str:
+        """Options of `kinran ingest` for the lights: distances, and their file."""
         given = {name.replace("_", "-"): value for name, value in asdict(self.distances).items() if value is not None}
-        return " ".join(f"--{name} {value:.9g}" for name, value in given.items())
+        return " ".join([*(f"--{name} {value:.9g}" for name, value in given.items()), self.lp_option]).strip()
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ cured. The file also names the run, so that it differs after each.
 """
 
 import logging
+import re
 import subprocess
 import sys
 from collections.abc import Collection, Mapping
@@ -22,6 +23,9 @@ LEFT_OUT = "left_out"
 """Rule of the job that such a fabric gets."""
 EXTRA = "chart"
 """How the logs begin of the jobs of a fabric that make nothing of what the overview shows."""
+
+ERROR = re.compile(r"kinran [a-z-]+: |[\w.]*(Error|Exception|Exit|Interrupt)\b")
+"""A line that tells of an error: that of a stage, or the last one of a traceback."""
 
 log = logging.getLogger(__name__)
 
@@ -144,9 +148,12 @@ def _of_rows(left_out: dict[str, str], place: Path) -> list[Failure]:
 
 
 def _last_sentence(path: Path) -> str:
-    """Return the last line of a log."""
+    """Return the last line of a log; where it is no error, the job was ended from outside in the middle of its work."""
     try:
         lines = [line.strip() for line in path.read_text(encoding="utf-8", errors="replace").splitlines()]
     except OSError:
         lines = []
-    return next((line for line in reversed(lines) if line), "said nothing: it was killed, or never began")
+    last = next((line for line in reversed(lines) if line), "")
+    if not last:
+        return "said nothing: it was killed, or never began"
+    return last if ERROR.match(last) else f"said no error, so it was killed, or Snakemake misses a file; last: {last}"

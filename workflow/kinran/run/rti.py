@@ -2,8 +2,6 @@
 
 import os
 import re
-import subprocess
-import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
@@ -13,6 +11,7 @@ import yaml
 from kinran.base.files import InputError
 from kinran.base.project import ROOT
 from kinran.capture.photograph_set import Known, inspect
+from kinran.run.snakemake import run_snakemake
 
 WORK = ".kinran"
 """Folder in OUT with the config, the sheets and the bookkeeping of the run."""
@@ -45,9 +44,7 @@ def main(
 ) -> None:
     """Write the config and run Snakemake on it."""
     work = prepare(inputs, out, options)
-    command = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--directory", str(work)]
-    finished = subprocess.run([*command, "--cores", str(options.cores), "--quiet", "rules"], check=False)
-    if finished.returncode:
+    if run_snakemake(["--directory", str(work), "--cores", str(options.cores), "--quiet", "rules"]):
         raise InputError(f"{out.resolve()}: the run did not finish; the messages above and {work / 'logs'} say why")
     print(f"material    {out / 'material.exr'}")
     print(f"evaluation  {out / 'evaluation.json'}")

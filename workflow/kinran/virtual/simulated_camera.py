@@ -68,6 +68,11 @@ class SimulatedCamera:
     group
         Group of the plan that is shot: repeats of a direction in two groups have different noise.
 
+    Attributes
+    ----------
+    repeat
+        Number of the repeat that is shot, which has noise of its own; None: as many as were taken before it.
+
     Raises
     ------
     InputError
@@ -83,6 +88,7 @@ class SimulatedCamera:
         self._fabric = _fabric(scene)
         self._sensor = Sensor()
         self._subject = "fabric"
+        self.repeat: int | None = None
         card.mkdir(parents=True, exist_ok=True)
 
     def place(self, subject: str) -> None:
@@ -99,12 +105,13 @@ class SimulatedCamera:
         theta, phi = self._pose()
         lamp = rig.lamp_output if rig.shutter_open and self._subject != "dark" else 0.0
         frame = f"{self._group} {self._subject} {theta} {phi} {round(seconds * 1e6)}"
+        repeat = taken.count(frame) if self.repeat is None else self.repeat
         bayer = self._sensor.expose(
             self._radiance(theta, phi)[::-1],
             shutter(seconds),
             lamp,
             self._fabric.seed,
-            np.array([self._fabric.seed, zlib.crc32(frame.encode()), taken.count(frame)], np.uint64),
+            np.array([self._fabric.seed, zlib.crc32(frame.encode()), repeat], np.uint64),
         )
         number = max([len(taken), *(_number(path) for path in self._card.glob(f"IMG_*{self.suffix}"))]) + 1
         path = self._card / f"IMG_{number:05d}{self.suffix}"
