@@ -308,8 +308,8 @@ def test_distances_of_a_set(project: Path) -> None:
     columns = f"{FABRICS}\tlamp_mm\tfield_mm\tcamera_mm"
     sheet(project, "fabrics", columns, "dome\tset\t\t\t\t\t300\t60.5\t", "tiny\trig\t\t\t2\t\t\t\t")
     fabrics = read().sound
-    assert fabrics["dome"].distance_options == "--lamp-mm 300 --field-mm 60.5"
-    assert fabrics["tiny"].distance_options == ""
+    assert fabrics["dome"].light_options == "--lamp-mm 300 --field-mm 60.5"
+    assert fabrics["tiny"].light_options == ""
     sheet(project, "fabrics", columns, "tiny\trig\t\t\t2\t\t\t60\t")
     assert "fabric 'tiny': field_mm: lies on the rig, whose distances and chart" in says("tiny")
     sheet(project, "fabrics", columns, "dome\tset\t\t\t\t\t-3\t\t")

@@ -140,8 +140,8 @@ def test_the_overview_lists_who_failed_and_who_was_not_run() -> None:
 
 def test_rules_and_folders_of_a_module_have_other_names() -> None:
     watch = Watch(Path("textiles"))
-    failed(watch, 1, "kinran_fit", written("textiles/logs/silk/fit/slope.0.log", "is full\n", 20))
+    failed(watch, 1, "kinran_fit", written("textiles/logs/silk/fit/slope.0.log", "kinran fit: is full\n", 20))
     failed(watch, 2, "kinran_chart_kind", written("textiles/logs/silk/chart/linear.log", "is empty\n", 30))
     failed(watch, 3, "mine", written("logs/silk/mine.log", "is no job of the module\n", 40))
     found = watch.failures({"silk": "generated"})
-    assert found == [Failure("silk", "kinran_fit", "is full", "textiles/logs/silk/fit/slope.0.log")]
+    assert found == [Failure("silk", "kinran_fit", "kinran fit: is full", "textiles/logs/silk/fit/slope.0.log")]

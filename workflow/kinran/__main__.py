@@ -74,12 +74,12 @@ ALL = COMMANDS | STAGES
 
 def main(argv: list[str] | None = None) -> int:
     """Run a command; returns the exit status."""
-    argv = sys.argv[1:] if argv is None else argv
+    whole, argv = argv is None, sys.argv[1:] if argv is None else argv
     name = argv[0] if argv else ""
     if name not in ALL:
         top().parse_args(argv)
     to_stderr()
-    if {"-h", "--help"} & set(argv):
+    if whole and {"-h", "--help"} & set(argv):  # the process ends with the help
         sys.meta_path.insert(0, StandIns())
     stage = importlib.import_module(ALL[name][0])  # only the stage that runs is imported
     parser = parser_of(name, stage)
