@@ -34,16 +34,10 @@ def fabrics(project: Project) -> dict[str, set[str]]:
 
 def test_one_fabric_s_settings_touch_no_other(project: Project) -> None:
     project.sheet("fabrics", HEADER, TINY, OTHER)
-    assert set(fabrics(project)) == {"other"}
     own(project, "other", {"rig": {"exposures": [10, 1000]}, "virtual": {"seed": 8}, "fit": {"model": "lambert"}})
-    assert set(fabrics(project)) == {"other"}
+    # the same as before, from another file; what else a fabric's settings rerun is in test_reruns.py
     own(project, "tiny", {"rig": {"exposures": [25, 100, 250, 1000, 4000]}, "holdout": 8})
-    assert set(fabrics(project)) == {"other"}  # the same as before, from another file
-    own(project, "tiny", {"rig": {"exposures": [25, 100, 250, 1000]}})
-    assert {"plan", "capture", "merge", "fit", "report"} <= fabrics(project)["tiny"]
-    own(project, "tiny", {"holdout": 4})
-    assert {"stack", "fit", "report"} <= fabrics(project)["tiny"]
-    assert not {"plan", "capture", "merge"} & fabrics(project)["tiny"]
+    assert set(fabrics(project)) == {"other"}
 
 
 def test_what_a_fabric_has_of_its_own_reaches_its_commands_alone(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ SUITES = {
 }
 """Suites of their own, which need more than Python or wait for minutes: the words after `python`, what each tests."""
 
-WHOLE = ("-n", "2", "--dist", "loadfile")
+WHOLE = ("-n", "3", "--dist", "loadfile")
 """Words of the whole run: two processes, each with whole files, since tests of a file share what took long to make."""
 
 
