@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,11 @@ import yaml
 from kinran.__main__ import STAGES
 from kinran.base.files import InputError, write_json
 from kinran.base.project import ROOT
+from kinran.capture import grid
+from kinran.run.resources import COSTS, Size
 
+RULES = {"merge-group": "merge"}
+"""Rules whose stage has another name."""
 MOTIFS = ("comma", "waves", "lozenges")
 THREADS = ("red", "indigo", "moss")
 NOTE = '''"""Note what a stage took as it ends, beside those of the other stages."""
@@ -60,18 +65,20 @@ def main(args: argparse.Namespace) -> None:
     """
     with tempfile.TemporaryDirectory(prefix="kinran-fabrics-") as scratch:
         folder = args.folder or Path(scratch)
-        write_project(folder, args.fabrics, args.texels, args.samples, args.phis)
-        results = measured(folder, args.cores) | {"fabrics": args.fabrics, "texels": args.texels}
+        config = write_project(folder, args.fabrics, args.texels, args.samples, args.phis)
+        plan = grid.plan_grid("f000", config["rig"]["thetas"], args.phis, (1.0,), args.phis)
+        size = Size(args.texels**2, len(plan.lights))
+        results = measured(folder, args.cores, args.fabrics, size) | {"fabrics": args.fabrics, **asdict(size)}
     print_table(results)
     if args.out:
         write_json(args.out, results)
 
 
-def write_project(folder: Path, fabrics: int, texels: int, samples: int, phis: int) -> None:
-    """Write a working folder with the config of the project and so many virtual fabrics, no two alike."""
+def write_project(folder: Path, fabrics: int, texels: int, samples: int, phis: int) -> dict[str, Any]:
+    """Write a working folder with the config of the project and so many virtual fabrics, no two alike; the config."""
     own = folder / "config" / "fabrics"
     own.mkdir(parents=True, exist_ok=True)
-    config = yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8"))
+    config: dict[str, Any] = yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8"))
     config["rig"]["phis"] = phis
     config["virtual"].update(texels=texels, samples=samples)
     config["scene"]["template"] = str(ROOT / config["scene"]["template"])
@@ -83,10 +90,11 @@ def write_project(folder: Path, fabrics: int, texels: int, samples: int, phis: i
         rows.append(f"f{k:03d}\trig\t\t\t4\t")
     (folder / "config" / "fabrics.tsv").write_text("\n".join(rows) + "\n", encoding="utf-8")
     (folder / "config" / "recapture.tsv").write_text("fabric\ttheta\tphi\trevision\treason\n", encoding="utf-8")
+    return config
 
 
-def measured(folder: Path, cores: int) -> dict[str, Any]:
-    """Run the workflow in a folder, and return what it took: all in all, and by stage.
+def measured(folder: Path, cores: int, fabrics: int, size: Size) -> dict[str, Any]:
+    """Run the workflow in a folder with so many fabrics of a size, and return what it took: all in all, and by stage.
 
     Raises
     ------
@@ -117,6 +125,7 @@ def measured(folder: Path, cores: int) -> dict[str, Any]:
         row["peak_mb"] = max(row["peak_mb"], line["peak_mb"])
     for name, row in stages.items():
         row["imports_s"] = row["jobs"] * imports_of(name)
+        row["model_s"] = model_of(name, row["jobs"], fabrics, size)
     work = sum(row["cpu_s"] for row in stages.values())
     return {
         "cpu_s": total,
@@ -127,6 +136,12 @@ def measured(folder: Path, cores: int) -> dict[str, Any]:
         "imports": sum(row["imports_s"] for row in stages.values()) / total,
         "stages": stages,
     }
+
+
+def model_of(stage: str, jobs: float, fabrics: int, size: Size) -> float:
+    """Return the processor seconds of a stage's jobs by the model of costs that clusters are asked by; 0 without one."""
+    cost = COSTS.get(RULES.get(stage, stage))
+    return cost.time(size) * (jobs if stage == "merge-group" else fabrics) if cost else 0.0
 
 
 def imports_of(stage: str) -> float:
@@ -142,8 +157,9 @@ def imports_of(stage: str) -> float:
 
 def print_table(results: dict[str, Any]) -> None:
     """Print what a run took."""
-    print(f"{'stage':14} {'jobs':>6} {'CPU s':>9} {'imports':>9} {'peak MB':>9}")
+    print(f"{'stage':14} {'jobs':>6} {'CPU s':>9} {'model':>9} {'imports':>9} {'peak MB':>9}")
     for name, row in sorted(results["stages"].items(), key=lambda pair: -pair[1]["cpu_s"]):
-        print(f"{name:14} {row['jobs']:6.0f} {row['cpu_s']:9.1f} {row['imports_s']:9.1f} {row['peak_mb']:9.0f}")
+        model, imports = row["model_s"], row["imports_s"]
+        print(f"{name:14} {row['jobs']:6.0f} {row['cpu_s']:9.1f} {model:9.1f} {imports:9.1f} {row['peak_mb']:9.0f}")
     print(f"{'overhead':14} {'':6} {results['overhead_s']:9.1f}   {results['overhead']:.1%} of the run")
     print(f"{'all':14} {'':6} {results['cpu_s']:9.1f}   in {results['wall_s'] / 60:.1f} min")
