@@ -139,7 +139,7 @@ def measured(folder: Path, cores: int, fabrics: int, size: Size) -> dict[str, An
 
 
 def model_of(stage: str, jobs: float, fabrics: int, size: Size) -> float:
-    """Return the processor seconds of a stage's jobs by the model of costs that clusters are asked by; 0 without one."""
+    """Return the processor seconds of a stage's jobs by the costs that clusters are asked by; 0 without any."""
     cost = COSTS.get(RULES.get(stage, stage))
     return cost.time(size) * (jobs if stage == "merge-group" else fabrics) if cost else 0.0
 
