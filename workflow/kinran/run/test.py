@@ -16,8 +16,8 @@ SUITES = {
 """Suites of their own, which need more than Python or wait for minutes: the words after `python`, what each tests."""
 
 WHOLE = ("-n", "3", "--dist", "loadfile")
-"""Words of the whole run: three processes, since some tests only wait, each with whole files, since tests of a file share
-what took long to make."""
+"""Words of the whole run: three processes, as some tests only wait, each with whole files, as tests of a file share what
+took long to make."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
