@@ -16,7 +16,7 @@ SUITES = {
 """Suites of their own, which need more than Python or wait for minutes: the words after `python`, what each tests."""
 
 WHOLE = ("-n", "3", "--dist", "loadfile")
-"""Words of the whole run: three processes, as some tests only wait, each with whole files, as tests of a file share what
+"""Words of the whole run: three processes, as some tests only wait, each with whole files, as those of a file share what
 took long to make."""
 
 
