@@ -16,6 +16,11 @@ settings.register_profile("kinran", deadline=None, derandomize=True)
 settings.load_profile("kinran")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the tests of whole runs first, so that none of these minutes is left for the end, and one process."""
+    items.sort(key=lambda item: item.path.parent.name != "workflow")
+
+
 @pytest.fixture(scope="session")
 def real_data() -> Path:
     """Folder of the real data sets beside the project."""

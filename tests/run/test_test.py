@@ -38,7 +38,7 @@ def test_the_whole_run_takes_two_processes(called: list[list[str]]) -> None:
     with pytest.raises(SystemExit) as end:
         command_line.main(["test"])
     assert end.value.code == 3
-    assert called == [[sys.executable, "-m", "pytest", "-n", "3", "--dist", "loadfile"]]
+    assert called == [[sys.executable, "-m", "pytest", "-n", "3", "--dist", "loadfile", "--no-loadscope-reorder"]]
 
 
 def test_a_suite_gets_the_words_after_its_name(called: list[list[str]]) -> None:

@@ -15,9 +15,9 @@ SUITES = {
 }
 """Suites of their own, which need more than Python or wait for minutes: the words after `python`, what each tests."""
 
-WHOLE = ("-n", "3", "--dist", "loadfile")
-"""Words of the whole run: three processes, as some tests only wait, each with whole files, as those of a file share what
-took long to make."""
+WHOLE = ("-n", "3", "--dist", "loadfile", "--no-loadscope-reorder")
+"""Words of the whole run: three processes, as some tests only wait; each has whole files, whose tests share what took
+long to make."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
