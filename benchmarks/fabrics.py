@@ -66,7 +66,8 @@ def main(args: argparse.Namespace) -> None:
     with tempfile.TemporaryDirectory(prefix="kinran-fabrics-") as scratch:
         folder = args.folder or Path(scratch)
         config = write_project(folder, args.fabrics, args.texels, args.samples, args.phis)
-        plan = grid.plan_grid("f000", config["rig"]["thetas"], args.phis, (1.0,), args.phis)
+        rig = config["rig"]
+        plan = grid.plan_grid("f000", rig["thetas"], rig["phis"], (1.0,), rig["meridians"])
         size = Size(args.texels**2, len(plan.lights))
         results = measured(folder, args.cores, args.fabrics, size) | {"fabrics": args.fabrics, **asdict(size)}
     print_table(results)
