@@ -190,7 +190,8 @@ def through_slurm(cluster: Cluster, folder: Path, checks: Checks) -> None:
     until(lambda: second.poll() is not None)
     checks.check(second.returncode == 0 and finished(work), "the run finishes by itself", f"exit {second.returncode}")
     states = {row_of(line)["JobId"]: row_of(line)["JobState"] for line in cluster.log()[before:]}
-    checks.check(states.get(killed) == "FAILED", "the killed job failed", states.get(killed))
+    gone = ("FAILED", "NODE_FAIL")  # the node that crashes next may be its own
+    checks.check(states.get(killed) in gone, "the killed job failed", states.get(killed))
     checks.check(states.get(job) == "NODE_FAIL", "the job of the crashed node failed", states.get(job))
     if states.get(job) != "NODE_FAIL" or second.returncode:
         print(tail(work / "run.log"), flush=True)
@@ -298,7 +299,7 @@ def same(local: Path, work: Path, checks: Checks, fabric: str = "") -> None:
 
 def files(results: Path) -> dict[str, Path]:
     """Files of a run by their names, without benchmarks."""
-    found = [path for path in results.rglob("*") if path.is_file() and "benchmarks" not in path.parts]
+    found = [path for path in results.rglob("*") if path.is_file() and not is_cost(path)]
     return {str(path.relative_to(results)): path for path in found}
 
 
@@ -320,11 +321,16 @@ def picture(path: Path) -> NDArray[np.float64]:
     return np.asarray(Image.open(path), float)
 
 
+def is_cost(path: Path) -> bool:
+    """Whether a file holds nothing but what a job cost."""
+    return "benchmarks" in path.parts or path.suffix == ".tsv"
+
+
 def digest(path: Path) -> str:
-    """Digest of a file; of JSON, without costs."""
+    """Digest of a file; of JSON, without costs, and without the checksum at its end, which is over them, too."""
     content = path.read_bytes()
     if path.suffix == ".json":
-        content = COSTS.sub("", content.decode()).encode()
+        content = COSTS.sub("", content.decode()).rstrip().encode()
     return hashlib.sha256(content).hexdigest()
 
 
