@@ -35,7 +35,7 @@ class Found(NamedTuple):
     colours : (24, 3) float
         Mean RGB of each patch.
     seen : (24,) bool
-        Whether each patch is in the picture and neither saturated nor on a defect.
+        Whether each patch is in the picture and, but for a tenth, neither saturated nor on a defect.
     error
         Median leave-one-out ΔE00 of the patches under the fitted matrix; infinite where too few are seen.
     place
@@ -141,9 +141,9 @@ def _reasons(picture: Radiance, place: chart_place.Place, seen: Mask, used: Mask
     def free_of(bits: int) -> Mask:
         return chart_place.patches(picture.value, ~picture.texels_with(bits), place)[1]
 
-    conditions = [used, seen, ~free_of(0), ~free_of(SATURATED) & ~seen, ~free_of(HOT) & ~seen]
-    reasons = ["", "contradicted by the others", "outside the picture", "saturated", "on a defect of the sensor"]
-    return [str(why) for why in np.select(conditions, reasons, "")]
+    conditions = [used, seen, ~free_of(0), ~free_of(SATURATED)]
+    reasons = ["", "contradicted by the others", "outside the picture", "saturated"]
+    return [str(why) for why in np.select(conditions, reasons, "on a defect of the sensor")]
 
 
 def find_chart(picture: Radiance, reference: Array, corners: str, greys: bool = False) -> Found:

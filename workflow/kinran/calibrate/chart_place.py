@@ -14,6 +14,9 @@ Array = NDArray[np.float64]
 
 LEAST_PIXELS = 1
 """Fewest pixels in the middle of a patch; with fewer, the nearest ones are used."""
+LEAST_USABLE = 0.9
+"""Least share of a patch's middle that is neither saturated nor on a defect: every large patch has some hot pixels, and
+one that has a tenth of them is no patch any more. A choice."""
 DISPLAY = 2.2
 """Gamma of the picture for the detector, which was made for photographs."""
 
@@ -106,9 +109,9 @@ def patches(image: Image, usable: NDArray[np.bool_], place: Place) -> tuple[Arra
     Returns
     -------
     colours : (24, 3) float
-        Mean colour of the middle of each patch.
+        Mean colour of the usable pixels in the middle of each patch.
     seen : (24,) bool
-        Whether the whole middle of each patch is in the picture and usable.
+        Whether the middle of each patch is in the picture and, but for a tenth, usable.
     """
     height, width = usable.shape
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
@@ -126,8 +129,9 @@ def patches(image: Image, usable: NDArray[np.bool_], place: Place) -> tuple[Arra
             inside = distance <= distance.min() + 1e-9
             if distance.min() > 0.5:
                 continue
-        colours[k] = image[inside].mean(0, dtype=float)
-        seen[k] = usable[inside].all()
+        good = inside & usable
+        seen[k] = good.sum() >= LEAST_USABLE * inside.sum()
+        colours[k] = image[good if seen[k] else inside].mean(0, dtype=float)
     return colours, seen
 
 
