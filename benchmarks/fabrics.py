@@ -26,6 +26,8 @@ from kinran.run.resources import COSTS, Size
 
 RULES = {"merge-group": "merge"}
 """Rules whose stage has another name."""
+EACH = ("merge-group", "mesh", "scan", "overview")
+"""Stages whose cost is that of a job; a fabric has one cost of the others, whatever jobs share it."""
 MOTIFS = ("comma", "waves", "lozenges")
 THREADS = ("red", "indigo", "moss")
 NOTE = '''"""Note what a stage took as it ends, beside those of the other stages."""
@@ -142,7 +144,7 @@ def measured(folder: Path, cores: int, fabrics: int, size: Size) -> dict[str, An
 def model_of(stage: str, jobs: float, fabrics: int, size: Size) -> float:
     """Return the processor seconds of a stage's jobs by the costs that clusters are asked by; 0 without any."""
     cost = COSTS.get(RULES.get(stage, stage))
-    return cost.time(size) * (jobs if stage == "merge-group" else fabrics) if cost else 0.0
+    return cost.time(size) * (jobs if stage in EACH else fabrics) if cost else 0.0
 
 
 def imports_of(stage: str) -> float:
