@@ -14,7 +14,9 @@ from kinran.run.resources import (
     COSTS,
     LEAST_MINUTES,
     MOST_THREADS,
+    SHOT_S,
     Size,
+    capture_seconds,
     memory_mb,
     minutes,
     size_of,
@@ -100,3 +102,23 @@ def test_what_cannot_be_read_is_left_to_the_job_that_reads_it(tmp_path: Path) ->
     source = photographs(tmp_path / "set", 40, 30)
     (tmp_path / "set" / "p0.png").write_bytes(b"no picture")
     assert size_of(fabric(tmp_path, source), tmp_path).texels == CAMERA_TEXELS
+
+
+def test_a_virtual_capture_takes_longer_with_more_rays_and_less_on_two_cores(tmp_path: Path) -> None:
+    row = fabric(tmp_path, "rig")
+    group = row.light_groups[0]
+    one = capture_seconds(row, group, 1, tmp_path)
+    assert 0 < capture_seconds(row, "calibration", 1, tmp_path) < one
+    assert capture_seconds(row, group, 2, tmp_path) == one / 2
+    row.settings["virtual"]["texels"] = 2400
+    assert capture_seconds(row, group, 1, tmp_path) > 5 * one
+
+
+def test_a_capture_of_a_rig_takes_its_share_of_the_plans_time(tmp_path: Path) -> None:
+    """Without a plan it is a guess for each light."""
+    row = fabric(tmp_path, "rig")
+    row.settings["rig"]["device"] = "hid"
+    assert capture_seconds(row, row.light_groups[0], 1, tmp_path) == SHOT_S * row.lights / len(row.light_groups)
+    (tmp_path / "silk").mkdir()
+    (tmp_path / "silk" / "plan.json").write_text('{"duration_s": 600}')
+    assert capture_seconds(row, row.light_groups[0], 1, tmp_path) == 600 / len(row.all_groups)
