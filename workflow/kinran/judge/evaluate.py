@@ -1,6 +1,7 @@
 """Error of each fitted material on the held-out lights, by region and by light."""
 
 import logging
+import math
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +14,10 @@ from kinran.base import pictures
 from kinran.base.files import InputError, read_json, write_json
 from kinran.data import material_prediction, metrics
 from kinran.data.fabric import Fabric
-from kinran.data.held_out_photographs import HeldOut
-from kinran.data.labels import LabelMap, Region
-from kinran.data.radiance_stack import Stack
+from kinran.data.held_out_photographs import HeldOut, Survey, survey
+from kinran.data.radiance_stack import Box, Stack
+from kinran.judge.block_means import BlockMeans
+from kinran.judge.tally import Tally
 from kinran_bsdf.colours import TO_REC709
 from kinran_bsdf.material import read_material
 
@@ -25,6 +27,8 @@ Images = NDArray[np.float32]
 
 SHOWN = 3
 """Held-out lights in the picture: the brightest, the darkest and the one between them."""
+LARGEST = 480
+"""Most pixels along a side of a picture of it: larger fabrics are shown by the means of blocks. A choice."""
 
 
 @dataclass(frozen=True)
@@ -71,93 +75,79 @@ def main(inputs: Inputs, out: Outputs, options: Options) -> None:
         "methods": {},
     }
     if stack.held_out.any():
-        held = HeldOut.read(stack)
-        predictions = {}
-        for path in inputs.materials:
-            start = time.process_time()
-            predicted = _predicted(path, stack, held)
-            seconds = time.process_time() - start
-            predictions[path.stem] = predicted
-            errors = errors_of(held, predicted, fabric.labels, fabric.regions)
-            result["methods"][path.stem] = {**errors, "relight_cpu_seconds": round(seconds, 3)}
-            log.info("%s: %.2f dB, relative %.3f", path.stem, errors["psnr"], errors["relative_error"])
-        picture = _picture(predictions, held, stack)
+        judged, picture = _judge(inputs.materials, fabric)
+        for name, errors in judged.items():
+            result["methods"][name] = errors
+            log.info("%s: %.2f dB, relative %.3f", name, errors["psnr"], errors["relative_error"])
+        pictures.write_png(out.picture, picture)
     else:
         empty = np.full((40, 360, 3), 250, np.uint8)
-        picture = pictures.sheet([[("no light was held out: there is nothing to judge by", empty)]])
+        said = pictures.sheet([[("no light was held out: there is nothing to judge by", empty)]])
+        pictures.write_png(out.picture, said)
     for path in inputs.materials:
         result["methods"].setdefault(path.stem, {})["fit"] = read_json(path.with_suffix(".json"))
-    pictures.write_png(out.picture, picture)
     write_json(out.errors, result)
 
 
-def errors_of(held: HeldOut, predicted: Images, labels: LabelMap, regions: list[Region]) -> dict[str, Any]:
-    """Errors of a prediction (light, y, x, 3): over all texels and lights, by region, by light and by texel."""
-    n = len(held.lights)
-    p, g, v = (a.reshape(n, -1, 3) for a in (predicted, held.truth, held.valid))
-    dp, dg = held.shown(p), held.shown(g)
-    weight = held.share
-
-    def over(inside: NDArray[np.bool_] | slice) -> dict[str, float]:
-        by_light = [metrics.psnr(dp[i][inside], dg[i][inside], v[i][inside]) for i in range(n)]
-        relative = metrics.relative_error(p[:, inside], g[:, inside], v[:, inside], weight)
-        return {
-            "relative_error": round(relative, 5),
-            "psnr": round(float(np.mean(by_light)), 3),
-            "psnr_min": round(float(np.min(by_light)), 3),
-        }
-
-    def of_light(i: int) -> dict[str, float]:
-        one = slice(i, i + 1)
-        return {
-            "psnr": round(metrics.psnr(dp[i], dg[i], v[i]), 3),
-            "relative_error": round(metrics.relative_error(p[one], g[one], v[one], np.ones(1)), 5),
-        }
-
-    w = weight[:, None, None] * v
-    texel = np.sqrt((w * (p - g) ** 2).sum((0, 2)) / np.maximum((w * g**2).sum((0, 2)), 1e-12))
-    return {
-        **over(slice(None)),
-        "texel_median": round(float(np.median(texel)), 5),
-        "texel_p95": round(float(np.percentile(texel, 95)), 5),
-        "texels_above_1": round(float((texel > 1).mean()), 6),
-        "regions": {r.name: {**over(labels.reshape(-1) == r.label), "texels": r.texels} for r in regions},
-        "lights": {light.name: of_light(i) for i, light in enumerate(held.lights)},
-    }
-
-
-def _predicted(path: Path, stack: Stack, held: HeldOut) -> Images:
-    """Prediction (light, y, x, 3) of a material under the held-out lights, in the unit of the stack."""
-    material = read_material(path)
-    if material.channels["label"].shape != held.truth.shape[1:3]:
-        raise InputError(f"{path}: its size is not that of {stack.path}; fit it again")
-    predicted = np.zeros_like(held.truth)
+def _judge(paths: tuple[Path, ...], fabric: Fabric) -> tuple[dict[str, dict[str, Any]], pictures.Picture]:
+    """Return the errors of each material, and the picture; one tile of the photographs is in memory at a time."""
+    stack, seen = fabric.stack, survey(fabric.stack)
+    materials = {path.stem: read_material(path) for path in paths}
+    for path in paths:
+        if materials[path.stem].channels["label"].shape != (stack.height, stack.width):
+            raise InputError(f"{path}: its size is not that of {stack.path}; fit it again")
+    tallies = {name: Tally(seen, fabric.regions) for name in materials}
+    seconds = dict.fromkeys(materials, 0.0)
+    picture = _Picture(stack, seen, tuple(materials))
     for box in stack.tiles():
-        predicted[:, box[0] : box[1], box[2] : box[3]] = material_prediction.predict(material, stack, box, held.use)
-    return predicted
+        held = HeldOut.read(stack, box, seen.peak)
+        predicted = {}
+        for name, material in materials.items():
+            start = time.process_time()
+            predicted[name] = material_prediction.predict(material, stack, box, held.use)
+            seconds[name] += time.process_time() - start
+            tallies[name].add(held, predicted[name], fabric.labels[box[0] : box[1], box[2] : box[3]].reshape(-1))
+        picture.add(box, held, predicted)
+    errors = {name: {**tallies[name].errors(), "relight_cpu_seconds": round(seconds[name], 3)} for name in materials}
+    return errors, picture.sheet()
 
 
-def _picture(predictions: dict[str, Images], held: HeldOut, stack: Stack) -> pictures.Picture:
+class _Picture:
     """Rows of held-out lights: the photograph, then each prediction and its error."""
-    truth = held.truth
-    to_rec709 = TO_REC709 @ stack.to_acescg
 
-    def shown(image: Images, exposure: float, size: int) -> pictures.Picture:
-        light = np.asarray(image @ to_rec709.T, np.float32)
-        return pictures.enlarge(pictures.photograph(light, exposure), size)
+    def __init__(self, stack: Stack, seen: Survey, names: tuple[str, ...]) -> None:
+        order = np.argsort(-seen.mean)
+        self._lights = order[np.linspace(0, len(order) - 1, min(SHOWN, len(order))).astype(int)]
+        self._names = [seen.lights[i].name for i in self._lights]
+        self._stack, step = stack, max(1, math.ceil(max(stack.height, stack.width) / LARGEST))
 
-    energy = truth.mean((1, 2, 3))
-    order = np.argsort(-energy)
-    chosen = order[np.linspace(0, len(order) - 1, min(SHOWN, len(order))).astype(int)]
-    rows = []
-    for i in chosen:
-        exposure = 1.0 if held.coder else pictures.auto_exposure(truth[i] @ to_rec709.T)
+        def means(channels: int) -> BlockMeans:
+            return BlockMeans((len(self._lights), stack.height, stack.width, channels), step)
+
+        self._truth, self._predicted = means(3), {name: (means(3), means(1)) for name in names}
+
+    def add(self, box: Box, held: HeldOut, predicted: dict[str, Images]) -> None:
+        """Add a tile: its photographs, and the predictions of each material."""
+        truth = held.truth[self._lights]
+        self._truth.add(box, truth)
+        for name, (light, error) in self._predicted.items():
+            image = predicted[name][self._lights]
+            light.add(box, image)
+            error.add(box, np.abs(held.shown(image) - held.shown(truth)).mean(-1, keepdims=True))
+
+    def sheet(self) -> pictures.Picture:
+        """Return the picture."""
+        to_rec709 = (TO_REC709 @ self._stack.to_acescg).T
+        truth = self._truth.images() @ to_rec709
         size = max(160, min(240, truth.shape[2]))
-        row = [(held.lights[i].name, shown(truth[i], exposure, size))]
-        for name, predicted in predictions.items():
-            row.append((name, shown(predicted[i], exposure, size)))
-            error = held.shown(predicted[i]) - held.shown(truth[i])
-            heat = pictures.heat(np.abs(error).mean(-1), 0.25)
-            row.append((f"{name}: error, to 0.25", pictures.enlarge(heat, size)))
-        rows.append(row)
-    return pictures.sheet(rows)
+        rows = []
+        for i, name_of_light in enumerate(self._names):
+            exposure = 1.0 if self._stack.encoding else pictures.auto_exposure(truth[i])
+            row = [(name_of_light, pictures.enlarge(pictures.photograph(truth[i], exposure), size))]
+            for name, (predicted, error) in self._predicted.items():
+                shown = pictures.photograph(predicted.images()[i] @ to_rec709, exposure)
+                row.append((name, pictures.enlarge(shown, size)))
+                heat = pictures.heat(error.images()[i, ..., 0], 0.25)
+                row.append((f"{name}: error, to 0.25", pictures.enlarge(heat, size)))
+            rows.append(row)
+        return pictures.sheet(rows)

@@ -1,0 +1,95 @@
+"""Errors that are summed tile by tile are those of all texels at once, whatever the tiles."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kinran.data import metrics
+from kinran.data.held_out_photographs import HeldOut, Survey, survey
+from kinran.data.labels import Region
+from kinran.data.radiance import HOT, Radiance
+from kinran.data.radiance_stack import Light, Metadata, Stack, write_metadata, write_shards
+from kinran.judge.block_means import BlockMeans
+from kinran.judge.tally import Tally
+
+HEIGHT, WIDTH = 70, 133
+"""Of a stack of six tiles, of which five are no whole chunks."""
+LIGHTS = tuple(Light(f"l{i}", (0.0, 0.6, 0.8), None, (1, i) if i else None, i % 3 == 1) for i in range(10))
+REGIONS = [Region(0, "gold", 10, (0.5, 0.4, 0.1), 1.0), Region(1, "red", 20, (0.5, 0.1, 0.1), 1.0)]
+
+
+@pytest.fixture
+def stack(tmp_path: Path) -> Stack:
+    rng = np.random.default_rng(0)
+    light = (0.02 * rng.exponential(1, (len(LIGHTS), HEIGHT, WIDTH, 3)) ** 3).astype(np.float32)
+    flags = (rng.random(light.shape) < 0.01) * np.uint8(HOT)
+    write_shards(tmp_path, 0, Radiance(light, flags))
+    metadata = Metadata(LIGHTS, HEIGHT, WIDTH, 0.06, "", "", "camera", np.eye(3), {"kind": "raw"})
+    write_metadata(tmp_path, metadata)
+    return Stack.open(tmp_path)
+
+
+@pytest.fixture
+def whole(stack: Stack) -> HeldOut:
+    return HeldOut.read(stack, (0, HEIGHT, 0, WIDTH))
+
+
+def test_a_survey_in_tiles_is_exact(stack: Stack, whole: HeldOut) -> None:
+    seen = survey(stack)
+    assert [light.name for light in seen.lights] == ["l1", "l4", "l7"]
+    assert seen.peak == pytest.approx(whole.peak, rel=1e-6)
+    assert 10 * float(np.median(whole.truth)) < seen.peak < float(whole.truth.max())
+    np.testing.assert_allclose(seen.mean, whole.truth.mean((1, 2, 3)), rtol=1e-5)
+
+
+def test_errors_in_tiles_are_those_of_the_whole(stack: Stack, whole: HeldOut) -> None:
+    """By region, light and texel, from their definitions; sound samples alone count."""
+    rng, seen = np.random.default_rng(1), survey(stack)
+    predicted = (whole.truth * rng.uniform(0.5, 1.7, whole.truth.shape)).astype(np.float32)
+    labels = rng.integers(0, 2, (HEIGHT, WIDTH))
+    tally = Tally(seen, REGIONS)
+    for box in stack.tiles():
+        cut = np.s_[box[0] : box[1], box[2] : box[3]]
+        tally.add(HeldOut.read(stack, box, seen.peak), predicted[:, *cut], labels[cut].reshape(-1))
+    found = tally.errors()
+
+    of = [
+        a.reshape(3, -1, 3) for a in (predicted, whole.truth, whole.valid, *map(whole.shown, (predicted, whole.truth)))
+    ]
+    for part, inside in (
+        (found, labels.ravel() >= 0),
+        *((found["regions"][r.name], labels.ravel() == r.label) for r in REGIONS),
+    ):
+        p, g, v, dp, dg = (a[:, inside] for a in of)
+        decibels = [metrics.psnr(dp[i], dg[i], v[i]) for i in range(3)]
+        assert part["psnr"] == pytest.approx(np.mean(decibels), abs=2e-3)
+        assert part["psnr_min"] == pytest.approx(min(decibels), abs=2e-3)
+        assert part["relative_error"] == pytest.approx(metrics.relative_error(p, g, v, whole.share), abs=2e-5)
+    p, g, v = of[:3]
+    texel = [metrics.relative_error(p[:, [k]], g[:, [k]], v[:, [k]], whole.share) for k in range(p.shape[1])]
+    assert found["texel_median"] == pytest.approx(np.median(texel), abs=2e-5)
+    assert found["texel_p95"] == pytest.approx(np.percentile(texel, 95), abs=2e-5)
+    one = found["lights"]["l4"]
+    assert one["relative_error"] == pytest.approx(metrics.relative_error(p[[1]], g[[1]], v[[1]], np.ones(1)), abs=2e-5)
+
+
+def test_a_perfect_prediction_has_no_error(stack: Stack, whole: HeldOut) -> None:
+    seen = Survey(whole.lights, whole.share, whole.peak, whole.truth.mean((1, 2, 3)))
+    tally = Tally(seen, REGIONS)
+    tally.add(whole, whole.truth, np.zeros(HEIGHT * WIDTH, int))
+    found = tally.errors()
+    assert (found["psnr"], found["relative_error"], found["texels_above_1"]) == (120, 0, 0)
+
+
+@pytest.mark.parametrize("step", [1, 3, 200])
+def test_means_of_blocks_that_tiles_cut(stack: Stack, step: int) -> None:
+    images = np.random.default_rng(2).random((2, HEIGHT, WIDTH, 3)).astype(np.float32)
+    means = BlockMeans(images.shape, step)
+    for y0, y1, x0, x1 in stack.tiles():
+        means.add((y0, y1, x0, x1), images[:, y0:y1, x0:x1])
+    found = means.images()
+    for y, x in ((0, 0), (found.shape[1] - 1, found.shape[2] - 1), (found.shape[1] // 2, found.shape[2] // 3)):
+        block = images[:, y * step : (y + 1) * step, x * step : (x + 1) * step]
+        np.testing.assert_allclose(found[:, y, x], block.mean((1, 2)), rtol=1e-5)
+    assert found.shape == (2, -(-HEIGHT // step), -(-WIDTH // step), 3)
