@@ -15,7 +15,8 @@ from kinran.judge.tally import Tally
 
 HEIGHT, WIDTH = 70, 133
 """Of a stack of six tiles, of which five are no whole chunks."""
-LIGHTS = tuple(Light(f"l{i}", (0.0, 0.6, 0.8), None, (1, i) if i else None, i % 3 == 1) for i in range(10))
+LIGHTS = tuple(Light(f"l{i}", (0.0, np.sin(i / 7), np.cos(i / 7)), None, (1, i), i % 3 == 1) for i in range(10))
+"""Lights of a grid: those at the pole stand for less of the sphere."""
 REGIONS = [Region(0, "gold", 10, (0.5, 0.4, 0.1), 1.0), Region(1, "red", 20, (0.5, 0.1, 0.1), 1.0)]
 
 
