@@ -107,8 +107,9 @@ def read_samples(fabric: Fabric, box: Box) -> Samples:
     radiance, flags = stack.read_stored(*box, lights=lights)
     T, W = texels_first(radiance, flags, _weights(SATURATED_WEIGHT if stack.encoding else 0.0))
     display = encoding.parse(stack.encoding).weight(T.mean(1)) if stack.encoding else np.ones_like(W)
-    saturated = (flags & SATURATED).any(-1).reshape(len(flags), -1).T
-    bounds = np.where(saturated & ~(flags & (HOT | SHIFTED)).any(-1).reshape(len(flags), -1).T, display, 0)
+    bits = (flags[..., 0] | flags[..., 1] | flags[..., 2]).reshape(len(flags), -1).T
+    saturated = (bits & SATURATED) > 0
+    bounds = np.where(saturated & ((bits & (HOT | SHIFTED)) == 0), display, 0) if saturated.any() else None
     given = under(stack, box, lights)
     return Samples(
         given.square_on(T),
@@ -116,7 +117,7 @@ def read_samples(fabric: Fabric, box: Box) -> Samples:
         given,
         cut(fabric.labels, box),
         cut(fabric.second, box),
-        bounds.astype(np.float32) if saturated.any() else None,
+        None if bounds is None else bounds.astype(np.float32),
     )
 
 
