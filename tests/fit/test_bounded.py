@@ -99,7 +99,7 @@ def test_a_prior_is_the_stiffer_the_more_of_the_energy_is_lost() -> None:
 
 def test_a_lobe_of_ggx_as_two_gaussians() -> None:
     under = Under.far(grid(5, 24))
-    one = slope.SlopeFit(Lobes(), *texels(COUNT), np.zeros(COUNT))
+    one = slope.SlopeFit(Lobes(), *texels(COUNT), np.zeros(COUNT), np.zeros(COUNT, bool))
     whole = one.predict(under)
     left = bounded.as_pair(one, PAIR).predict(under) - whole
     assert np.abs(left).max() < 0.04 * whole.max()

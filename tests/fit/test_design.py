@@ -24,7 +24,7 @@ def some_fit(lobes: Lobes, seed: int = 0) -> slope.SlopeFit:
     shapes = np.concatenate([*[one, two][: lobes.count], rng.normal(0, 0.03, (COUNT, 2))], 1)
     colours = np.zeros((COUNT, lobes.count + 1, 3))
     colours[:, :, 0] = rng.uniform(0.3, 1, (COUNT, lobes.count + 1))
-    return slope.SlopeFit(lobes, shapes, colours, np.ones(COUNT))
+    return slope.SlopeFit(lobes, shapes, colours, np.ones(COUNT), np.zeros(COUNT, bool))
 
 
 def known_of(fitted: slope.SlopeFit, taken: np.ndarray, stiffness: float = 1e-3) -> Known:

@@ -36,7 +36,7 @@ def test_what_nothing_fixes_has_no_bound(lights: np.ndarray) -> None:
     """A texel without a lobe says nothing about its shape."""
     shapes, colours = texels(3)
     colours[:, 0] = 0
-    fitted = slope.SlopeFit(Lobes(), shapes, colours, np.ones(3))
+    fitted = slope.SlopeFit(Lobes(), shapes, colours, np.ones(3), np.zeros(3, bool))
     assert np.isinf(deviations(fitted, sampled(radiance(shapes, colours, lights), lights))[0][:, :5]).all()
 
 
@@ -46,6 +46,6 @@ def test_few_lights_are_less_sure(lights: np.ndarray) -> None:
     sd = []
     for step in (1, 4):
         few = samples.only(slice(None, None, step))
-        fitted = slope.SlopeFit(Lobes(), shapes, colours, np.full(20, 0.01 * few.under.count))
+        fitted = slope.SlopeFit(Lobes(), shapes, colours, np.full(20, 0.01 * few.under.count), np.zeros(20, bool))
         sd.append(np.median(deviations(fitted, few)[0], 0))
     assert (sd[1] > 1.5 * sd[0]).all()

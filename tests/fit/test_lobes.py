@@ -59,7 +59,7 @@ def test_a_prediction_is_that_of_the_reference(tail: str) -> None:
     shapes, colours = np.concatenate([one[:, :5], two[:, :5], one[:, 5:]], 1), np.stack([C[:, 0], D[:, 0], C[:, 1]], 1)
     D[:, 1] = 0
     truth = radiance(one, C, lights, tail) + radiance(two, D, lights, tail)
-    fitted, far = SlopeFit(Lobes(tail, 2), shapes, colours, np.zeros(9)), Under.far(lights)
+    fitted, far = SlopeFit(Lobes(tail, 2), shapes, colours, np.zeros(9), np.zeros(9, bool)), Under.far(lights)
     np.testing.assert_allclose(fitted.predict(far), truth, rtol=1e-5, atol=1e-6)
     # the slopes of the half vectors count, not those of the directions
     assert np.abs(fitted.predict(replace(far, slopes=0.9 * far.slopes)) - truth).max() > 0.1

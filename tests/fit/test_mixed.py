@@ -72,7 +72,7 @@ def test_the_main_lobe_reflects_the_most() -> None:
     for height, main in ((10.0, 1), (40.0, 0)):
         colours = np.ones((3, 3, 3))
         colours[:, 0] *= height
-        fitted = slope.SlopeFit(Lobes("gaussian", 2), shapes, colours, np.ones(3))
+        fitted = slope.SlopeFit(Lobes("gaussian", 2), shapes, colours, np.ones(3), np.zeros(3, bool))
         samples = sampled(np.zeros((3, 3, 40), np.float32), np.zeros((40, 3)))
         assert learned_priors.region_priors(fitted, samples, 1)[0].main == main
 

@@ -41,7 +41,7 @@ def refit(fitted: SlopeFit, samples: Samples, priors: list[Prior] | None = None,
     share = saturated.sum(1) / np.maximum((saturated | (samples.W > 0)).sum(1), 1)
     lone = [prior.lone for prior in priors or () if prior.lone]
     lost = (share > LOST[0]) & (share <= LOST[1]) & bool(lone)
-    result = replace(fitted, shapes=fitted.shapes.copy(), colours=fitted.colours.copy(), cost=fitted.cost.copy())
+    result = fitted.copy()
     at = np.flatnonzero((share > 0) & ~lost)
     if len(at):
         some = samples.of(at)
@@ -74,4 +74,4 @@ def as_pair(fitted: SlopeFit, lobes: Lobes) -> SlopeFit:
         pair(p)
     lobe, diffuse = fitted.colours[:, :1], fitted.colours[:, 1:]
     colours = np.concatenate([HEIGHTS[0] * lobe, HEIGHTS[1] * lobe, diffuse], 1)
-    return SlopeFit(lobes, shapes, colours, fitted.cost)
+    return SlopeFit(lobes, shapes, colours, fitted.cost, fitted.widened)

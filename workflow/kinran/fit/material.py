@@ -69,6 +69,7 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
     labels = fabric.labels
     lobes = chosen_lobes(inputs.choice, options.tail, options.lobes)
     maps, costs, peak = _maps(inputs.runs, kind(options.model, lobes), out.material, labels.shape)
+    widened = maps.pop("fit.widened", np.zeros(1)) > 0
     filled = _fill(maps, maps.pop("fit.valid") > 0, labels)
     material = _material(fabric, inputs, options, lobes, maps)
     bound = clamp(material)
@@ -82,10 +83,13 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
         "peak_mb": round(peak),
         "bytes_per_texel": 2 * (len(maps) + 1),
         "filled_texels": filled,
+        "widened_texels": int(widened.sum()),
         "clamped_share": round(float((bound < 1).mean()), 5),
     }
     write_runs(out.material, len(inputs.runs), options.settings)
     write_json(out.summary, summary)
+    if widened.any():
+        log.info("material: %d texels had a needle between lights; it is as wide as their gap now", widened.sum())
     if filled:
         log.info("material: %d texels have no samples of their own; filled from their regions", filled)
 

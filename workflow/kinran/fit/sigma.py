@@ -105,7 +105,8 @@ def parameters(material: Material) -> SlopeFit:
     shapes += list(normals.reshape(-1, 2).T.astype(float))
     colours = [colour.reshape(-1, 3) @ back.T for colour, _ in [*lobes, (diffuse, normals)]]
     P = np.stack(shapes, 1)
-    return SlopeFit(Lobes(material.tail, material.lobes), P, np.stack(colours, 1), np.full(len(P), np.nan))
+    unknown = np.full(len(P), np.nan)
+    return SlopeFit(Lobes(material.tail, material.lobes), P, np.stack(colours, 1), unknown, np.zeros(len(P), bool))
 
 
 def deviations(material: Material, shapes: Array, covariance: Array) -> dict[str, Array]:

@@ -58,17 +58,21 @@ class SlopeFit:
         Amplitudes of the lobes and of the diffuse term, in the unit of the samples.
     cost : (texel,) float64
         Weighted sum of the squared residuals.
+    widened : (texel,) bool
+        Whether `kinran.fit.unseen_peaks` has held a lobe that was a needle between lights.
     """
 
     lobes: Lobes
     shapes: Array
     colours: Array
     cost: Array
+    widened: NDArray[np.bool_]
 
     @classmethod
     def empty(cls, lobes: Lobes, texels: int) -> "SlopeFit":
         """A fit of zeros, to be filled by `put`."""
-        return cls(lobes, np.zeros((texels, lobes.size)), np.zeros((texels, lobes.count + 1, 3)), np.zeros(texels))
+        shapes, colours = np.zeros((texels, lobes.size)), np.zeros((texels, lobes.count + 1, 3))
+        return cls(lobes, shapes, colours, np.zeros(texels), np.zeros(texels, bool))
 
     @property
     def numbers(self) -> float:
@@ -82,11 +86,16 @@ class SlopeFit:
 
     def of(self, at: Index) -> "SlopeFit":
         """The fit of some texels."""
-        return SlopeFit(self.lobes, self.shapes[at], self.colours[at], self.cost[at])
+        return SlopeFit(self.lobes, self.shapes[at], self.colours[at], self.cost[at], self.widened[at])
 
     def put(self, at: Index, part: "SlopeFit") -> None:
         """Take the fit of some texels from another."""
         self.shapes[at], self.colours[at], self.cost[at] = part.shapes, part.colours, part.cost
+        self.widened[at] = part.widened
+
+    def copy(self) -> "SlopeFit":
+        """A fit that can be changed without this one."""
+        return self.of(np.arange(len(self.shapes)))
 
     def lobe(self, k: int) -> Array:
         """Shapes (texel, 5) of a lobe."""
@@ -109,6 +118,7 @@ class SlopeFit:
         shapes = [np.stack([p[:, 0], p[:, 1], *squared_widths(p)], 1) for p in lobes]
         channels = named(("x", "y", "xx", "xy", "yy"), np.concatenate(shapes, 1), self.colours)
         channels["diffuse.x"], channels["diffuse.y"] = self.shapes[:, -DIFFUSE_SIZE:].T
+        channels["fit.widened"] = self.widened.astype(float)
         return channels
 
 
@@ -131,6 +141,7 @@ def fit(
     threads: int = 1,
     start: Array | None = None,
     narrow: float | None = None,
+    gaps: Array | None = None,
     iterations: int = ITERATIONS,
 ) -> SlopeFit:
     """Fit lobes in slope space and a diffuse term to each texel.
@@ -148,6 +159,8 @@ def fit(
         Shapes to start from; by default the moments of the highlight give them.
     narrow
         Smallest width of a lobe (1/e, in slopes); by default the width that the lights resolve.
+    gaps : (texel,)
+        Widths that lobes may not be narrower than, whatever the lights and the priors resolve elsewhere.
     iterations
         Most iterations of a search.
     """
@@ -156,8 +169,9 @@ def fit(
     # for another layout the solver would be compiled anew
     samples = replace(samples, T=np.ascontiguousarray(samples.T), W=np.ascontiguousarray(samples.W))
     least = _least(samples.under, lobes, narrow)
+    gaps = np.zeros(len(samples)) if gaps is None else gaps
     given = _nothing(least, lobes) if priors is None else _given(priors, samples.region, least)
-    job = _Job(samples, lobes, priors, least, given, start, iterations)
+    job = _Job(samples, lobes, priors, least, gaps, _no_narrower(given, gaps), start, iterations)
     result = SlopeFit.empty(lobes, len(samples))
 
     def block(at: tuple[int, Index]) -> None:
@@ -226,6 +240,7 @@ class _Job:
     lobes: Lobes
     priors: list[Prior] | None
     least: Array
+    gaps: Array
     given: Given
     start: Array | None
     iterations: int
@@ -242,7 +257,7 @@ class _Job:
         if self.priors is not None and len(one) and samples.under.count < FEW:
             of = [r.shared(s) for r in self.priors for s in self.priors]
             pair = region[one] * len(self.priors) + samples.second[at][one]
-            other = _given(of, pair, self.least[at][one])
+            other = _no_narrower(_given(of, pair, self.least[at][one]), self.gaps[at][one])
             mixed = self._descend(T[one], W[one], lights, other, None if start is None else start[one])
             result.put(one, _better(result.of(one), mixed, _of_texels(given, one), other))
         return result
@@ -303,6 +318,11 @@ def _given(priors: list[Prior], region: NDArray[np.intp], least: Array) -> Given
     return Given(narrow, MAX_WIDTH, centre[region], stiffness[region], dark[region])
 
 
+def _no_narrower(given: Given, gaps: Array) -> Given:
+    """Bounds and priors for widths of at least those of gaps (texel,)."""
+    return given._replace(narrow=np.maximum(given.narrow, gaps))
+
+
 def _of_texels(given: Given, at: Index) -> Given:
     """Bounds and priors of some of the texels."""
     return Given(given.narrow[at], given.wide, given.centre[at], given.stiffness[at], given.dark[at])
@@ -334,6 +354,7 @@ def _better(one: SlopeFit, other: SlopeFit, of_one: Given, of_other: Given) -> S
         np.where(take[:, None], other.shapes, one.shapes),
         np.where(take[:, None, None], other.colours, one.colours),
         np.where(take, other.cost, one.cost),
+        np.where(take, other.widened, one.widened),
     )
 
 

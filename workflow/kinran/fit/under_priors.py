@@ -1,6 +1,6 @@
 """The pipeline's fit of the slope model to samples in memory: what is learned of regions and lights, then the lobes."""
 
-from kinran.fit import bounded, learned_priors, robust_weights, shrinkage, slope, trust
+from kinran.fit import bounded, learned_priors, robust_weights, shrinkage, slope, trust, unseen_peaks
 from kinran.fit.region_priors import Priors
 from kinran.fit.samples import Samples
 from kinran.fit.slope import SlopeFit
@@ -19,7 +19,7 @@ def learn(samples: Samples, regions: int, lobes: Lobes, threads: int = 1) -> Pri
 
 
 def fit(samples: Samples, lobes: Lobes, priors: Priors | None = None, threads: int = 1) -> SlopeFit:
-    """Fit lobes by least squares or with robust weights, then again with saturated samples as bounds.
+    """Fit lobes by least squares or with robust weights, then saturated samples as bounds, then needles between lights.
 
     Weights of lights are taken as they are in the samples (`Samples.weighed`).
     """
@@ -28,4 +28,5 @@ def fit(samples: Samples, lobes: Lobes, priors: Priors | None = None, threads: i
         found, samples = robust_weights.robust(samples, lobes, regions, threads)
     else:
         found = slope.fit(samples, lobes, regions, threads)
-    return bounded.refit(found, samples, regions, threads)
+    found = bounded.refit(found, samples, regions, threads)
+    return unseen_peaks.refit(found, samples, regions, threads)

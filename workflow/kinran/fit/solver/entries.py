@@ -5,6 +5,7 @@ import numpy as np
 from kinran.fit.solver.fused import fit_block
 from kinran.fit.solver.hessian import covariances
 from kinran.fit.solver.lobes import DIFFUSE_SIZE, GGX, LOBE_SIZE
+from kinran.fit.solver.peaks import peaks
 from kinran.fit.solver.rows import LANES
 from kinran.fit.solver.start import pair
 from kinran.fit.solver.sums import summed
@@ -42,6 +43,8 @@ def compile_all() -> None:
         np.zeros(1),
     )
     summed(GGX, shapes, colours, np.zeros((1, 2)), double, single)
+    one = np.zeros((1, 1))
+    peaks(shapes, one, np.zeros((1, 2)), single, weights, weights, np.zeros(1), one, one)
     total = SIZE + 6
     covariances(GGX, shapes, colours, single, weights, np.zeros((1, 2)), double, nothing, np.zeros((1, total, total)))
     pair(np.zeros(2 * LOBE_SIZE + DIFFUSE_SIZE))
