@@ -15,11 +15,13 @@ CAMERA = np.array([[0.67, 0.29, 0.04], [0.13, 0.75, 0.12], [0.02, 0.23, 0.75]])
 RNG = np.random.default_rng(0)
 
 
-def chart(height: int = 120, width: int = 180, seed: int = 0) -> np.ndarray:
+def chart(
+    height: int = 120, width: int = 180, seed: int = 0, generation: str = colour_chart.GENERATIONS[0]
+) -> np.ndarray:
     """Picture (y, x, 3) of a chart that fills it, row 0 at the bottom, with noise of 0.3 %."""
     y, x = np.mgrid[0:height, 0:width] + 0.5
     row, column = (height - y) / height * 4, x / width * 6
-    colours = colour_chart.references() @ CAMERA.T
+    colours = colour_chart.references("", generation) @ CAMERA.T
     picture = colours[row.astype(int) * 6 + column.astype(int)]
     gap = (np.abs(row % 1 - 0.5) > 0.38) | (np.abs(column % 1 - 0.5) > 0.38)
     picture[gap] = 0.02
@@ -226,3 +228,42 @@ def test_the_lamps_spectrum_changes_the_chart() -> None:
     assert colour_chart.delta_e(xenon, tungsten).max() > 2
     with pytest.raises(InputError, match="lamp 'candle'"):
         colour_chart.references("candle")
+
+
+def lit(picture: np.ndarray, right: float, up: float) -> np.ndarray:
+    """A picture under a light that changes by these shares from its left to its right, and from bottom to top."""
+    height, width = picture.shape[:2]
+    y, x = np.mgrid[0:height, 0:width]
+    change = np.log1p(right) * (x / (width - 1) - 0.5) + np.log1p(up) * (y / (height - 1) - 0.5)
+    return np.asarray(picture * np.exp(change)[..., None], np.float32)
+
+
+@pytest.mark.parametrize("patch", ["black", "neutral 3.5", "dark skin", "blue"])
+def test_a_highlight_on_a_dark_patch_is_no_glare(patch: str) -> None:
+    """The failure: a tenth of white on the black patch was taken for glare, and all colours came out wrong."""
+    picture = chart()
+    row, column = divmod(colour_chart.PATCHES.index(patch), 6)
+    y, x = np.mgrid[0:120, 0:180]
+    away = (x - 30 * column - 15) ** 2 + (y - 105 + 30 * row) ** 2
+    picture += (0.1 * np.exp(-away / 12**2))[..., None].astype(np.float32)
+    found = fit_colours(Radiance.unflagged(picture), "chart")
+    assert {colour_chart.PATCHES[k] for k, p in enumerate(found.chart) if p.left_out} == {patch}
+    assert found.glare == 0
+    np.testing.assert_allclose(found.matrix, np.linalg.inv(CAMERA), atol=0.02)
+
+
+@pytest.mark.parametrize(("right", "up"), [(0.35, 0), (-0.3, 0), (0, 0.4), (0.2, -0.2)])
+def test_uneven_light_is_refused(right: float, up: float) -> None:
+    with pytest.raises(InputError, match=r"shot 'chart': the light on its chart is uneven, by \d+%"):
+        fit_colours(Radiance.unflagged(lit(chart(), right, up)), "chart")
+
+
+def test_a_little_uneven_light_is_taken() -> None:
+    assert np.mean(fit_colours(Radiance.unflagged(lit(chart(), 0.1, 0)), "chart").delta_e) < 1
+
+
+@pytest.mark.parametrize("generation", colour_chart.GENERATIONS)
+def test_the_generation_of_the_chart_is_found(generation: str) -> None:
+    found = fit_colours(Radiance.unflagged(chart(generation=generation)), "chart")
+    assert found.generation == generation
+    assert np.mean(found.delta_e) < 0.3

@@ -224,6 +224,7 @@ def calibrate(plan: Plan, shots: Sequence[Taken], corners: str = "", lamp: str =
         root_polynomial=chart.root_polynomial,
         chart=chart.chart,
         lamp=lamp,
+        generation=chart.generation,
     )
 
 
@@ -319,5 +320,6 @@ def _summary(calibration: Calibration) -> str:
         f" exposures {', '.join(f'1/{1 / e.seconds:.2f}' for e in camera.exposures)} s,"
         f" flat field {flat.min():.3f} to {flat.max():.3f}, glare {camera.glare:.2%},"
         f" chart ΔE00 {np.mean(errors):.2f} (most {max(errors):.2f}) of {len(errors)} patches"
+        + (f" (chart {calibration.generation})" if calibration.generation else "")
         + (", root polynomial" if calibration.root_polynomial else "")
     )

@@ -1,6 +1,7 @@
 """Colours from the picture of a chart: its place, the patches that can be used, and the matrix fitted to them."""
 
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,17 @@ LEAST_PATCHES = 15
 ROOT_GAIN, LEAST_GAIN = 0.9, 0.1
 """Share of the matrix's leave-one-out ΔE00, and difference to it, under which a root polynomial is used: a choice."""
 
+MOST_OF_A_PATCH = 10.0
+"""ΔE00 beyond which a patch counts no more when readings of a chart are compared: a highlight is on one patch, and a
+wrong reading moves all. A choice."""
+SAME_VEIL = 0.3
+"""Share by which veils differ that are worth another look at all patches: those of sound grey patches, each left out in
+turn, agree to a seventh on a real chart. A choice."""
+MOST_UNEVEN = 0.2
+"""Change of the light from one side of the chart to the other that is refused. A choice."""
+LEAST_LIGHT = 0.05
+"""Least mean reflectance of a patch that tells how much light falls on it: what glare leaves is most of a darker one. A
+choice."""
 TURNS = 4
 """Iterations of fitting the matrix and the white balance in turn: a choice."""
 
@@ -56,6 +68,7 @@ class Chart:
     chart: tuple[Patch, ...]
     root_polynomial: tuple[tuple[float, ...], ...] | None
     glare: float
+    generation: str
 
     @property
     def patches(self) -> tuple[int, ...]:
@@ -68,8 +81,45 @@ class Chart:
         return tuple(self.chart[k].delta_e for k in self.patches)
 
 
+class Judged(NamedTuple):
+    """Patches under one reading of a chart: its generation, and the veil that its grey patches tell of.
+
+    Attributes
+    ----------
+    colours : (24, 3) float
+        White-balanced colours of the patches without the veil.
+    balance : (3,) float
+        White balance.
+    reference : (24, 3) float
+        Reference colours.
+    used : (24,) bool
+        Patches that are seen and do not contradict the others.
+    errors : (24,) float
+        Leave-one-out ΔE00 of each patch.
+    glare
+        Veil, over the mean light of the picture.
+    generation
+        Generation of the chart; empty for reference colours under a lamp.
+    """
+
+    colours: Array
+    balance: Array
+    reference: Array
+    used: Mask
+    errors: Array
+    glare: float
+    generation: str
+
+    def score(self, seen: Mask) -> float:
+        """Mean error of the patches that are seen, of which none counts more than `MOST_OF_A_PATCH`."""
+        return float(np.minimum(self.errors[seen], MOST_OF_A_PATCH).mean())
+
+
 def fit_colours(picture: Radiance, shot: str, corners: str = "", lamp: str = "", greys: bool = False) -> Chart:
     """Fit the colours of a chart.
+
+    The generation of the chart and the veil of glare are those under which its patches agree best: a highlight on a
+    dark patch looks like glare, until one sees what that would do to all others.
 
     Parameters
     ----------
@@ -85,8 +135,10 @@ def fit_colours(picture: Radiance, shot: str, corners: str = "", lamp: str = "",
     Raises
     ------
     InputError
-        The chart is not found, too few patches can be used, or their colours are not those of the chart.
+        The chart is not found, too few patches can be used, their colours are not those of the chart, or the light on
+        it is uneven.
     """
+    first, *others = ("",) if lamp else colour_chart.GENERATIONS
     reference = colour_chart.references(lamp)
     colours, seen, error, place = find_chart(picture, reference, corners, greys)
     if seen.sum() < LEAST_PATCHES:
@@ -98,14 +150,71 @@ def fit_colours(picture: Radiance, shot: str, corners: str = "", lamp: str = "",
         )
     if place.mirrored:
         raise InputError(f"shot '{shot}': its chart is mirrored; give pictures as the camera takes them")
+    read = partial(_judged, colours, picture.value.mean((0, 1), dtype=float), seen, greys)
+    judged = [read(reference, first), *(read(colour_chart.references("", name), name) for name in others)]
+    best = min((one for readings in judged for one in readings), key=lambda one: one.score(seen))
+    errors = best.errors[best.used]
+    if np.median(errors) > MOST_DELTA_E:
+        raise InputError(
+            f"shot '{shot}': its patches disagree by ΔE00 {np.median(errors):.1f}; light it evenly, once more"
+        )
+    _check_light(best, place, shot)
+    return _fitted(best, picture, place, seen)
+
+
+def _judged(colours: Array, mean: Array, seen: Mask, greys: bool, reference: Array, generation: str) -> list[Judged]:
+    """Return readings of a chart of one generation: with the veil of all grey patches, without one of them, or none."""
     balance = _greys_as_white(colours, reference, seen) if greys else np.ones(3)
-    colours, light = colours * balance, picture.value * balance.astype(np.float32)
+    colours, mean = colours * balance, mean * balance
     grey = np.flatnonzero(seen)[np.flatnonzero(seen) >= colour_chart.GREYS.start]
-    glare = estimate_glare(colours[grey].mean(1), reference[grey].mean(1), float(light.mean()))
-    colours = colours - glare / (1 + glare) * light.mean((0, 1), dtype=float)
-    used = seen.copy()
-    used[seen] = ~colour_chart.outliers(colours[seen], reference[seen])
-    linear, bent = (colour_chart.held_out_errors(colours, reference, used, degree) for degree in (1, 2))
+    veils = [
+        estimate_glare(colours[some].mean(1), reference[some].mean(1), float(mean.mean()))
+        for some in (grey, *(grey[grey != one] for one in grey))
+    ]
+    readings = []
+    for glare in [veils[0], *(one for one in dict.fromkeys([*veils[1:], 0.0]) if _other(one, veils[0]))]:
+        clear = colours - glare / (1 + glare) * mean
+        used = seen.copy()
+        used[seen] = ~colour_chart.outliers(clear[seen], reference[seen])
+        errors = colour_chart.held_out_errors(clear, reference, used, 1)
+        readings.append(Judged(clear, balance, reference, used, errors, glare, generation))
+    return readings
+
+
+def _other(glare: float, known: float) -> bool:
+    """Return whether a veil differs from one that is tried already."""
+    return abs(glare - known) > SAME_VEIL * max(glare, known)
+
+
+def _check_light(judged: Judged, place: chart_place.Place, shot: str) -> None:
+    """Check that the light falls evenly on the patches, by a plane through the logarithms of their luminance.
+
+    Raises
+    ------
+    InputError
+        From one side of the chart to the other the light changes by more than `MOST_UNEVEN`.
+    """
+    used = np.flatnonzero(judged.used & (judged.reference.mean(1) > LEAST_LIGHT))
+    matrix = colour_chart.fit_matrix(judged.colours[used], judged.reference[used])
+    level = colour_chart.scale(judged.colours[used], judged.reference[used])
+    seen = colour_chart.apply(matrix, level * judged.colours[used]).mean(1)
+    rows, columns = np.divmod(used, colour_chart.COLUMNS)
+    across = np.stack([columns / (colour_chart.COLUMNS - 1), rows / (colour_chart.ROWS - 1), np.ones(len(used))], 1)
+    step = np.linalg.lstsq(across, np.log(np.maximum(seen, 1e-6) / judged.reference[used].mean(1)), rcond=None)[0]
+    uneven = float(np.expm1(np.abs(step[:2]).sum()))
+    if uneven > MOST_UNEVEN:
+        side = "patches of its first row" if abs(step[1]) > abs(step[0]) else "patches of its first column"
+        more = "less" if step[int(abs(step[1]) > abs(step[0]))] > 0 else "more"
+        raise InputError(
+            f"shot '{shot}': the light on its chart is uneven, by {uneven:.0%} over the chart, {more} on the {side};"
+            " move the lamp away, or the chart to the middle of the light"
+        )
+
+
+def _fitted(best: Judged, picture: Radiance, place: chart_place.Place, seen: Mask) -> Chart:
+    """Return the matrix, the root polynomial if it is better, and all patches, under the best reading of a chart."""
+    colours, reference, used, linear = best.colours, best.reference, best.used, best.errors
+    bent = colour_chart.held_out_errors(colours, reference, used, 2)
     matrix = colour_chart.fit_matrix(colours[used], reference[used])
     better = bent[used].mean() < min(ROOT_GAIN * linear[used].mean(), linear[used].mean() - LEAST_GAIN)
     polynomial = colour_chart.fit_matrix(colours[used], reference[used], 2) if better else None
@@ -115,8 +224,9 @@ def fit_colours(picture: Radiance, shot: str, corners: str = "", lamp: str = "",
         Patch(_triple(a), _triple(b), round(float(e), 4), round(float(f), 4), why)
         for a, b, e, f, why in zip(shown, reference, linear, bent, reasons, strict=True)
     ]
-    root = None if polynomial is None else polynomial * colour_chart.expand(balance[None], 2)
-    return Chart(matrix * balance, tuple(patches), None if root is None else tuple(map(tuple, root.tolist())), glare)
+    root = None if polynomial is None else polynomial * colour_chart.expand(best.balance[None], 2)
+    rows = None if root is None else tuple(map(tuple, root.tolist()))
+    return Chart(matrix * best.balance, tuple(patches), rows, best.glare, best.generation)
 
 
 def _greys_as_white(colours: Array, reference: Array, seen: Mask) -> Array:

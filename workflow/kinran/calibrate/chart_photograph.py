@@ -50,6 +50,7 @@ def calibrate_colours(calibration: Calibration, path: Path, corners: str, lamp: 
         root_polynomial=chart.root_polynomial,
         chart=chart.chart,
         lamp=lamp,
+        generation=chart.generation,
     )
 
 

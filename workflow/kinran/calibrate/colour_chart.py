@@ -56,19 +56,23 @@ LAMPS = {"xenon": "Kinoton 75P"}
 """Light sources of colour-science by their name here: the measured spectrum of a xenon projector."""
 GREYS = slice(18, 24)
 """Grey patches, from white to black."""
+GENERATIONS = ("after November 2014", "before November 2014")
+"""Generations of the chart, whose colours differ by ΔE00 0.9 in the mean and 2.0 for white."""
 MOST_EXCLUDED = 3
 """Most patches that are left out as outliers: a choice."""
 
 
-def references(lamp: str = "") -> Array:
+def references(lamp: str = "", generation: str = GENERATIONS[0]) -> Array:
     """Return the reference colours (24, 3) of the patches, row by row from dark skin: linear ACEScg, white is 1.
 
     Parameters
     ----------
     lamp
-        Empty for the published colours (CIE xyY of the ColorChecker after November 2014 under D50, adapted by
-        Bradford); ``xenon`` or a light source of colour-science (``D65``, ``A``, …) for the colours of the patches'
-        reflectance spectra under the lamp's spectrum, relative to a perfect white.
+        Empty for the published colours (CIE xyY under D50, adapted by Bradford); ``xenon`` or a light source of
+        colour-science (``D65``, ``A``, …) for the colours of the patches' reflectance spectra under the lamp's
+        spectrum, relative to a perfect white.
+    generation
+        Generation of the ColorChecker that is published, one of `GENERATIONS`; there is one set of spectra.
 
     Raises
     ------
@@ -77,7 +81,7 @@ def references(lamp: str = "") -> Array:
     """
     colour = _colour()
     if not lamp:
-        chart = colour.CCS_COLOURCHECKERS["ColorChecker24 - After November 2014"]
+        chart = colour.CCS_COLOURCHECKERS[f"ColorChecker24 - {generation[0].upper()}{generation[1:]}"]
         xyz = colour.xyY_to_XYZ(np.array(list(chart.data.values())))
         return np.asarray(colour.XYZ_to_RGB(xyz, "ACEScg", chart.illuminant, "Bradford"), float)
     name = LAMPS.get(lamp, lamp)

@@ -184,6 +184,8 @@ class Calibration:
         All patches, row by row from dark skin; empty for photographs without a chart.
     lamp
         Lamp that the chart's reference colours are for; empty for the published ones.
+    generation
+        Generation of the chart whose published colours its patches come nearest to; empty without a chart.
     """
 
     fabric: str
@@ -201,6 +203,7 @@ class Calibration:
     curve: tuple[float, ...] = ()
     chart: tuple[Patch, ...] = ()
     lamp: str = ""
+    generation: str = ""
 
     @property
     def matrix(self) -> NDArray[np.float64]:

@@ -24,7 +24,7 @@ def chart_section(calibration: Calibration) -> dict[str, Any] | None:
         ("the same of a root polynomial", _spread([patch.root_delta_e for patch in used])),
         ("patches used", f"{len(used)} of {len(patches)}"),
         *((f"left out: {name}", why) for name, why in left_out),
-        ("reference", f"spectra under {calibration.lamp}" if calibration.lamp else "published colours (D50, adapted)"),
+        ("reference", f"spectra under {calibration.lamp}" if calibration.lamp else _published(calibration)),
     ]
     if calibration.camera:
         rows.append(("veiling glare, removed", f"{calibration.camera.glare:.2%} of the mean light"))
@@ -37,6 +37,10 @@ def chart_section(calibration: Calibration) -> dict[str, Any] | None:
         "rows": rows,
         "note": _note(calibration),
     }
+
+
+def _published(calibration: Calibration) -> str:
+    return f"published colours (D50, adapted), chart {calibration.generation}".removesuffix(", chart ")
 
 
 def _note(calibration: Calibration) -> str:
