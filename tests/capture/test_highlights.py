@@ -4,10 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageDraw
 
 from kinran.__main__ import main
 from kinran.base.encoding import parse
+from kinran.capture.highlights_drawing import SEEN, WRONG
 from kinran.data.light_files import read_lights
 from kinran.data.lights import LpLight, directions
 
@@ -80,6 +81,13 @@ def degrees(lights: list[LpLight], truth: np.ndarray) -> np.ndarray:
     return np.degrees(np.arccos(np.minimum(cosine, 1)))
 
 
+def found_spheres(log: str) -> list[tuple[float, float, float]]:
+    """Circles that a run states in the form that --sphere takes."""
+    line = next(line for line in log.splitlines() if line.startswith("found "))
+    parts = line.split()[2::2]
+    return [(x, y, radius) for x, y, radius in (map(float, part.split(",")) for part in parts)]
+
+
 BOTH = ("--sphere", outline(0), "--sphere", outline(1))
 KNOWN = ("--field-mm", f"{FIELD}", "--camera-mm", f"{CAMERA}")
 
@@ -122,6 +130,59 @@ def test_a_sphere_alone_gives_directions_from_where_it_lies(folder: Path, tmp_pa
     assert degrees(lights, seen_from_the_highlight(0)).max() < 0.5
     assert degrees(lights, lamps()).max() > 12
     np.testing.assert_allclose([light.length for light in lights], 1, rtol=1e-6)
+
+
+def test_spheres_are_found(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """To a pixel, though the black middle that they mirror is the clearer circle; lamps as from given ones, to 0.6°."""
+    lights = run(folder, tmp_path / "found.lp", *KNOWN)
+    found = sorted(found_spheres(capsys.readouterr().err))
+
+    np.testing.assert_allclose(found, [list(map(float, outline(k).split(","))) for k in range(2)], atol=1)
+    assert degrees(lights, lamps()).max() < 0.6
+    stated = [word for circle in found for word in ("--sphere", ",".join(map(str, circle)))]
+    assert degrees(run(folder, tmp_path / "given.lp", *stated, *KNOWN), directions(lights)).max() < 0.01
+
+
+def test_one_is_used_where_the_width_is_unknown(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert len(run(folder, tmp_path / "one.lp")) == 5
+    log = capsys.readouterr().err
+    assert len(found_spheres(log)) == 2
+    assert "is used, the largest: without --field-mm" in log
+
+
+def test_what_is_no_lamp_is_left_out(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A mask of the spheres, a dark frame and one under a window; their picture shows what was found."""
+    (tmp_path / "set").mkdir()
+    for path in folder.glob("*.jpg"):
+        (tmp_path / "set" / path.name).symlink_to(path)
+    mask = Image.new("RGB", (WIDTH, HEIGHT))
+    for k in range(2):
+        x, y, radius = map(float, outline(k).split(","))
+        ImageDraw.Draw(mask).circle((x, y), radius, fill="white")
+    dark = Image.new("RGB", (WIDTH, HEIGHT), (3, 3, 3))
+    window = Image.open(folder / "p0.jpg").copy()
+    for k in range(2):
+        x, y, radius = map(float, outline(k).split(","))
+        ImageDraw.Draw(window).rectangle((x - radius / 2, y - radius / 2, x, y), fill="white")
+    for name, picture in (("mask", mask), ("p5dark", dark), ("p6window", window), ("small", dark.resize((96, 64)))):
+        picture.save(tmp_path / "set" / f"{name}.png")
+    lights = run(tmp_path / "set", tmp_path / "found.lp", *KNOWN)
+    log = capsys.readouterr().err
+
+    assert [light.name for light in lights] == [f"p{k}" for k in range(5)]
+    assert degrees(lights, lamps()).max() < 0.6
+    for line in (
+        "mask.png: has no compact highlight on the sphere; it is left out",
+        "p5dark.png: has no highlight on the sphere; it is left out",
+        "p6window.png: has no compact highlight on the sphere; it is left out",
+        "small.png: is 96x64, not 960x640 as most; it is left out",
+    ):
+        assert line in log
+    shown = np.asarray(Image.open(tmp_path / "found.png"))
+    green, red = (np.all(shown == colour, -1).sum() for colour in (SEEN, WRONG))
+    assert green > red > 0
 
 
 def test_without_the_cameras_distance(folder: Path, tmp_path: Path) -> None:
