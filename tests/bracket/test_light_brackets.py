@@ -13,8 +13,8 @@ from kinran.base.files import InputError
 from kinran.capture import ingest, ingest_group
 from kinran.capture.photograph_set import Known, inspect
 from kinran.data.calibration import read_calibration
+from kinran.data.light import LpLight
 from kinran.data.light_files import write_lp
-from kinran.data.lights import LpLight
 from kinran.data.radiance import SATURATED
 from kinran.data.radiance_stack import Stack
 

@@ -9,8 +9,8 @@ from PIL import Image, ImageDraw
 from kinran.__main__ import main
 from kinran.base.encoding import parse
 from kinran.capture.highlights_drawing import SEEN, WRONG
+from kinran.data.light import LpLight, directions
 from kinran.data.light_files import read_lights
-from kinran.data.lights import LpLight, directions
 
 WIDTH, HEIGHT, FIELD, CAMERA = 960, 640, 240.0, 700.0
 SPHERES = (((-85.0, 45.0), 22.0), ((85.0, -40.0), 22.0))

@@ -10,13 +10,14 @@ import pytest
 
 from kinran.__main__ import main
 from kinran.base.distances import Distances
+from kinran.base.drawing.hemisphere import RADIUS
 from kinran.base.files import InputError
 from kinran.base.frames import direction
 from kinran.capture import grid
 from kinran.capture.arms import shots_time
 from kinran.capture.assembly import CALIBRATION_MONITORS, CAMERA_S, FETCH_S, RIG, Rig
 from kinran.capture.order import spanning_time
-from kinran.capture.plan_drawing import RADIUS, draw_plan
+from kinran.capture.plan_drawing import draw_plan
 from kinran.capture.plan_table import frame_bytes, plan_table
 from kinran.data.capture_plan import Plan, read_plan, write_plan
 from kinran.rig.motion import AXES, mdeg, with_motion

@@ -11,7 +11,7 @@ from PIL import Image
 from kinran.base.encoding import parse
 from kinran.base.exr import write_rgb
 from kinran.base.files import InputError
-from kinran.data.lights import LpLight
+from kinran.data.light import LpLight
 from kinran.data.photographs import Crop, find, parse_crop, read, size
 from kinran.data.radiance import SATURATED
 

@@ -12,7 +12,7 @@ from raw_frames import expose, scene, write
 from kinran.base.encoding import parse
 from kinran.base.files import InputError
 from kinran.data.colour_profile import is_srgb
-from kinran.data.lights import LpLight
+from kinran.data.light import LpLight
 from kinran.data.photographs import find, read, size
 from kinran.data.picture_kind import RAW, kind_of
 

@@ -27,8 +27,8 @@ from PIL import Image
 from kinran.base import frames
 from kinran.base.exr import read_exr
 from kinran.base.project import ROOT
+from kinran.data.light import LpLight
 from kinran.data.light_files import write_lp
-from kinran.data.lights import LpLight
 
 PHOTOGRAPHED, ON_RIG = "cloth", "woven"
 LIGHTS, SIDE = 20, 16

@@ -11,8 +11,8 @@ from kinran.base.distances import directions_to, falloff, texel_points
 from kinran.base.files import InputError
 from kinran.capture import ingest, ingest_group
 from kinran.capture.photograph_set import Known
+from kinran.data.light import LpLight
 from kinran.data.light_files import read_lights, write_lp
-from kinran.data.lights import LpLight
 from kinran.data.radiance_stack import Stack
 
 WIDTH, HEIGHT, FIELD = 60, 40, 120.0

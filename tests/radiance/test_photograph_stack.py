@@ -15,8 +15,8 @@ from kinran.calibrate import colour_chart
 from kinran.capture import ingest, ingest_group
 from kinran.capture.photograph_set import Known, inspect
 from kinran.data.capture_plan import read_plan, write_plan
+from kinran.data.light import LpLight
 from kinran.data.light_files import write_lp
-from kinran.data.lights import LpLight
 from kinran.data.radiance import SATURATED
 from kinran.data.radiance_stack import Stack
 from kinran.data.shards import shard_path

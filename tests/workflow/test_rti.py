@@ -15,8 +15,8 @@ from kinran.base import frames
 from kinran.base.encoding import parse
 from kinran.base.exr import read_exr
 from kinran.base.files import InputError
+from kinran.data.light import LpLight
 from kinran.data.light_files import write_lp
-from kinran.data.lights import LpLight
 from kinran.run.rti import Inputs, Options, prepare
 
 SIDE, LIGHTS = 28, 24

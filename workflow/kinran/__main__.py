@@ -22,6 +22,7 @@ COMMANDS = {
         "kinran.capture.highlights",
         "find the lamps from mirror spheres in photographs, and write their .lp",
     ),
+    "lights": ("kinran.capture.lights", "show the lights of photographs; drop or turn some, and write their .lp"),
     "merge": ("kinran.bracket.merge", "merge one bracket of frames to linear radiance with its noise"),
     "export": ("kinran.radiance.export", "write an EXR for each light of a stack"),
     "relight": ("kinran.judge.relight", "relight a material, and compare with photographs"),

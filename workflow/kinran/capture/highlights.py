@@ -26,8 +26,8 @@ from kinran.capture.highlights_drawing import Photograph, SeenSphere, drawing
 from kinran.capture.lamp_spots import NoLampError, brightness, cut_out, lamp_spot
 from kinran.capture.spheres import locate, mirror, on_plane, place
 from kinran.data import photographs
+from kinran.data.light import LpLight
 from kinran.data.light_files import write_lp
-from kinran.data.lights import LpLight
 from kinran.data.picture_kind import is_raw
 
 log = logging.getLogger(__name__)

@@ -10,7 +10,7 @@ from kinran.base.distances import crop_centre, seen_from, unit
 from kinran.base.files import check_name
 from kinran.capture.photograph_set import Known, PhotographSet, inspect, remark_on_lengths
 from kinran.data.capture_plan import LIST_GROUP, Group, Plan, PlanLight, Shot, list_group_names, write_plan
-from kinran.data.lights import LpLight
+from kinran.data.light import LpLight
 from kinran.data.photographs import parse_crop
 
 log = logging.getLogger(__name__)

@@ -1,13 +1,12 @@
 """The drawing of a plan: the hemisphere of its directions from above, and the way of the light arm through them."""
 
-import math
-
-from kinran.base.drawing.canvas import FAINT, GRID, INK, Canvas, Point
+from kinran.base.drawing.canvas import INK, Canvas
+from kinran.base.drawing.hemisphere import MARGIN, SIDE, at, draw_hemisphere
 from kinran.base.drawing.plots import colour
 from kinran.data.capture_plan import Plan, Shot
 
-RADIUS, MARGIN, LEGEND = 300, 64, 150
-"""Pixels of the horizon's radius, around it, and of the list of groups at the right."""
+LEGEND = 150
+"""Pixels of the list of groups at the right."""
 LINE = 18
 """Pixels from line to line of the list of groups."""
 
@@ -20,29 +19,21 @@ def draw_plan(plan: Plan) -> Canvas:
     """
     groups = [group for group in plan.groups if group.lights]
     rows = len(groups) + 3
-    side = 2 * (RADIUS + MARGIN)
-    canvas = Canvas(side + LEGEND, max(side, MARGIN + LINE * rows))
-    for theta in (30, 60, 90):
-        circle = [_at(theta, phi) for phi in range(0, 361, 3)]
-        canvas.line(circle, FAINT if theta == 90 else GRID)
-        canvas.text((_at(theta, 0)[0] - 3, _at(theta, 0)[1] - 4), f"{theta}°", "end", FAINT, 11)
-    for phi, text, anchor in ((0, "0°", "start"), (90, "90°", "middle"), (180, "180°", "end"), (270, "270°", "middle")):
-        canvas.line([_at(0, 0), _at(90, phi)], GRID)
-        x, y = _at(93, phi)
-        canvas.text((x, y + (12 if phi == 270 else 4 if phi != 90 else 0)), f"φ {text}", anchor, FAINT, 11)
+    canvas = Canvas(SIDE + LEGEND, max(SIDE, MARGIN + LINE * rows))
+    draw_hemisphere(canvas)
     for index, (group, after) in enumerate(zip(groups, [*groups[1:], None], strict=True)):
         shade = colour(index)
-        points = [_at(shot.theta, shot.phi) for shot in group.shots]
+        points = [at(shot.theta, shot.phi) for shot in group.shots]
         canvas.line(points, shade, 1.2, series=group.name)
         if after is not None:
-            canvas.line([points[-1], _at(after.shots[0].theta, after.shots[0].phi)], INK, 1, dashed=True)
+            canvas.line([points[-1], at(after.shots[0].theta, after.shots[0].phi)], INK, 1, dashed=True)
         for number, (shot, point) in enumerate(zip(group.shots, points, strict=True), 1):
             title = f"group {group.name}, shot {number}: {shot.shot}, {_angles(shot.theta, shot.phi)}"
             canvas.dot(point, shade, 2.5 if shot.kind == "light" else 4, title, series=group.name)
         canvas.dot(points[0], shade, 7, f"group {group.name} begins", ring=True, series=group.name)
     for shot in (shot for group in plan.groups for shot in group.shots if shot.camera):
         _cross(canvas, shot)
-    _legend(canvas, plan, side)
+    _legend(canvas, plan, SIDE)
     return canvas
 
 
@@ -59,15 +50,9 @@ def _legend(canvas: Canvas, plan: Plan, left: int) -> None:
 
 def _cross(canvas: Canvas, shot: Shot) -> None:
     theta, phi = shot.camera or (0.0, 0.0)
-    x, y = _at(theta, phi)
+    x, y = at(theta, phi)
     for dx in (-4, 4):
         canvas.line([(x - dx, y - 4), (x + dx, y + 4)], INK, 1.5)
-
-
-def _at(theta: float, phi: float) -> Point:
-    """Return the pixel of a direction in degrees; θ is the distance from the middle."""
-    reach, turn = RADIUS * theta / 90, math.radians(phi)
-    return MARGIN + RADIUS + reach * math.cos(turn), MARGIN + RADIUS - reach * math.sin(turn)
 
 
 def _angles(theta: float, phi: float) -> str:

@@ -5,8 +5,9 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
+from kinran.base.distances import Vector
 from kinran.base.files import InputError
-from kinran.data.lights import LpLight
+from kinran.data.light import LpLight
 
 SUFFIX = re.compile(r"[.][A-Za-z]{3,4}[\"']?$")
 """Pattern of an image's suffix at the end of a word."""
@@ -14,6 +15,8 @@ DECIMAL_COMMA = re.compile(r"^[+-]?\d*,\d+([eE][+-]?\d+)?$")
 """Pattern of a number that is written with a comma, as many countries do."""
 DIRECTIONS, NAMES, INTENSITIES = "light_directions.txt", "filenames.txt", "light_intensities.txt"
 """Files of a photometric set (DiLiGenT): directions, the images in their order, and the light of each lamp."""
+AS_THEY_ARE: Vector = (1.0, 1.0, 1.0)
+"""Signs of x, y, z that leave them as a file has them."""
 PROJECT = ("assembly-files", "lp", "LP")
 """Folders where projects keep their `.lp` (RTIBuilder, RelightLab), where none lies beside the photographs."""
 
@@ -37,8 +40,17 @@ class LightFile:
     remarks: list[str] = field(default_factory=list)
 
 
-def find_lights(folder: Path, given: Path | None = None) -> LightFile:
+def find_lights(folder: Path, given: Path | None = None, signs: Vector = AS_THEY_ARE) -> LightFile:
     """Read the lights of a folder of photographs, or those of a file that is given.
+
+    Parameters
+    ----------
+    folder
+        Folder of the photographs.
+    given
+        File of the lights; None for the one in the folder.
+    signs
+        1 or -1 for each of x, y, z, by which a file with other axes is brought to Kinran's.
 
     Raises
     ------
@@ -46,7 +58,7 @@ def find_lights(folder: Path, given: Path | None = None) -> LightFile:
         The folder is missing, has no file of lights, or several, or the file is wrong.
     """
     path = given or lights_file(folder)
-    return read_directions(path) if path.name == DIRECTIONS else read_lights(path)
+    return read_directions(path, signs) if path.name == DIRECTIONS else read_lights(path, signs)
 
 
 def lights_file(folder: Path) -> Path:
@@ -77,7 +89,7 @@ def _hidden(path: Path) -> bool:
     return path.name.startswith(".")
 
 
-def read_lights(path: Path) -> LightFile:
+def read_lights(path: Path, signs: Vector = AS_THEY_ARE) -> LightFile:
     """Read a `.lp` file: the number of lights, then a line ``file x y z`` for each.
 
     File names may hold spaces, quotes and folders (either slash); folders of another machine are ignored. Lines that
@@ -106,7 +118,7 @@ def read_lights(path: Path) -> LightFile:
         remarks.append(f"{path}: does not begin with the number of lights; all {len(rows)} lines are taken")
     else:
         raise InputError(f"{path}: the first line is not the number of lights; a .lp starts with it")
-    named: list[tuple[PurePosixPath, tuple[float, float, float]]] = []
+    named: list[tuple[PurePosixPath, Vector]] = []
     seen: dict[str, int] = {}
     for number, words in rows:
         file, vector = _parse(path, number, words)
@@ -117,10 +129,10 @@ def read_lights(path: Path) -> LightFile:
             )
         seen[file.stem] = number
         named.append((file, vector))
-    return _over_horizon(path, named, remarks)
+    return _over_horizon(path, named, remarks, signs)
 
 
-def read_directions(path: Path) -> LightFile:
+def read_directions(path: Path, signs: Vector = AS_THEY_ARE) -> LightFile:
     """Read the directions of a photometric set: a line ``x y z`` for each image of ``filenames.txt``.
 
     Raises
@@ -134,7 +146,7 @@ def read_directions(path: Path) -> LightFile:
     if len(names) != len(rows):
         raise InputError(f"{path}: has {len(rows)} lights but {NAMES} {len(names)} images; correct one")
     named = [(PurePosixPath(name), (x, y, z)) for name, (x, y, z) in zip(names, rows, strict=True)]
-    found = _over_horizon(path, named, [])
+    found = _over_horizon(path, named, [], signs)
     intensities = path.with_name(INTENSITIES)
     if not intensities.is_file():
         return found
@@ -145,7 +157,7 @@ def read_directions(path: Path) -> LightFile:
     return LightFile(path, lights, found.remarks)
 
 
-def _table(path: Path) -> list[tuple[float, float, float]]:
+def _table(path: Path) -> list[Vector]:
     """Return the numbers of a file with three in each line."""
     rows = []
     for number, line in enumerate(_lines(path), 1):
@@ -175,7 +187,7 @@ def _text(data: bytes) -> str:
         return data.decode("cp1252")
 
 
-def _vector(words: list[str]) -> tuple[float, float, float] | None:
+def _vector(words: list[str]) -> Vector | None:
     """Return three words as numbers, which may have decimal commas; None where they are none."""
     if any(DECIMAL_COMMA.match(word) for word in words):
         words = [word.replace(",", ".") if DECIMAL_COMMA.match(word) else word for word in words]
@@ -186,7 +198,7 @@ def _vector(words: list[str]) -> tuple[float, float, float] | None:
     return x, y, z
 
 
-def _parse(path: Path, number: int, words: list[str]) -> tuple[PurePosixPath, tuple[float, float, float]]:
+def _parse(path: Path, number: int, words: list[str]) -> tuple[PurePosixPath, Vector]:
     """Return the image of a line and its vector."""
     given = PurePosixPath(" ".join(words[:-3]).strip("\"'").replace("\\", "/"))
     vector = _vector(words[-3:])
@@ -202,15 +214,16 @@ def _parse(path: Path, number: int, words: list[str]) -> tuple[PurePosixPath, tu
 
 
 def _over_horizon(
-    path: Path, named: list[tuple[PurePosixPath, tuple[float, float, float]]], remarks: list[str]
+    path: Path, named: list[tuple[PurePosixPath, Vector]], remarks: list[str], signs: Vector
 ) -> LightFile:
-    """Return lights over the horizon; those under it are left out or, where all are, turned.
+    """Return lights over the horizon, with these signs of their axes; those under it are left out or, if all, turned.
 
     Raises
     ------
     InputError
         There are none.
     """
+    named = [(given, (signs[0] * x, signs[1] * y, signs[2] * z)) for given, (x, y, z) in named]
     turn = 1.0
     if named and all(z < 0 for _, (_, _, z) in named):
         turn = -1.0
@@ -235,7 +248,8 @@ def _over_horizon(
 
 
 def write_lp(path: Path, lights: list[LpLight]) -> None:
-    """Write a `.lp` file: directions times lengths."""
+    """Write a `.lp` file: directions times lengths, and the image of each with its folder."""
     vectors = [[light.length * part for part in light.direction] for light in lights]
-    rows = [f"{a.file or a.name} {' '.join(f'{part:.9f}' for part in v)}" for a, v in zip(lights, vectors, strict=True)]
+    names = [str(PurePosixPath(light.folder, light.file or light.name)) for light in lights]
+    rows = [f"{name} {' '.join(f'{part:.9f}' for part in v)}" for name, v in zip(names, vectors, strict=True)]
     path.write_text("\n".join([str(len(lights)), *rows]) + "\n", encoding="utf-8")

@@ -9,7 +9,7 @@ import numpy as np
 from kinran.base.encoding import Encoding, to_srgb
 from kinran.base.files import InputError
 from kinran.data.colour_profile import is_srgb, to_linear
-from kinran.data.lights import LpLight
+from kinran.data.light import LpLight
 from kinran.data.picture_file import read_picture, size_of
 from kinran.data.picture_kind import is_raw, kind_of
 from kinran.data.radiance import SATURATED, Radiance

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kinran.base.checksums import json_line
 from kinran.base.files import InputError, atomic, on_disk, read_json
-from kinran.data.lights import Light as Light
+from kinran.data.light import Light as Light
 from kinran.data.radiance import HOT, SATURATED, Flags, Radiance
 from kinran.data.shards import NAMES, SHARD, shard_path
 

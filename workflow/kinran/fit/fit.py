@@ -16,7 +16,7 @@ from kinran.base.files import InputError, atomic, sha256
 from kinran.base.log import progress
 from kinran.base.shared_results import made
 from kinran.data.fabric import Fabric
-from kinran.data.lights import half_steps
+from kinran.data.light import half_steps
 from kinran.data.radiance_stack import Box
 from kinran.fit import lambert, samples, slope, takeda, under_priors
 from kinran.fit.finished_tiles import Finished, content_key

@@ -11,8 +11,8 @@ from kinran.base.exr import write_rgb
 from kinran.base.files import InputError
 from kinran.base.log import progress
 from kinran.data import metrics, photographs
+from kinran.data.light import LpLight, directions
 from kinran.data.light_files import read_lights
-from kinran.data.lights import LpLight, directions
 from kinran.data.radiance import Image
 from kinran_bsdf.material import Material, read_material
 from kinran_bsdf.relight import relight

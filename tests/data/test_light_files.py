@@ -8,8 +8,8 @@ import pytest
 from kinran.base import frames
 from kinran.base.files import InputError
 from kinran.capture.grid import plan_grid
+from kinran.data.light import SCATTERED, Light, LpLight, directions, half_steps
 from kinran.data.light_files import find_lights, read_lights, write_lp
-from kinran.data.lights import SCATTERED, Light, LpLight, directions, half_steps
 
 GOOD = "2\nsome folder\\image 01.jpg 0 0 2\nimage02.jpg 0.6 0 0.8\n"
 

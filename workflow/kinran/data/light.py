@@ -1,4 +1,4 @@
-"""The lights of a set: their directions and positions, and the grid that they may lie on."""
+"""Lights of a set: their directions and positions, and the grid that they may lie on."""
 
 import math
 from collections.abc import Sequence
