@@ -43,7 +43,8 @@ class Material:
     lobes
         Number of lobes: 0, 1 or 2.
     regions
-        One ``{"label": int, "name": str, "model": str}`` for each region of the channel `label`.
+        One ``{"label": int, "name": str, "model": str}`` for each region of the channel `label`, which is −1
+        where nothing was measured and all other maps are 0.
     colour
         Colour space of the maps: ``lin_ap1_scene``, linear ACEScg, unclipped.
     from_stack

@@ -8,12 +8,14 @@ from kinran.segment.appearance import Appearance, median_unclipped
 def test_black_and_bright_texels_have_finite_features() -> None:
     median = np.zeros((8, 8, 3), np.float32)
     median[4:] = 1e4
-    assert np.isfinite(Appearance(median, median[..., 0], median[..., 0]).features()).all()
+    assert np.isfinite(
+        Appearance(median, median[..., 0], median[..., 0], np.ones(median.shape[:2], bool)).features()
+    ).all()
 
 
 def test_chroma_does_not_change_with_brightness() -> None:
     median = np.array([[[0.4, 0.2, 0.1], [0.04, 0.02, 0.01], [0.1, 0.2, 0.4]]], np.float32)
-    chroma = Appearance(median, median.max(-1), median.mean(-1)).features()[:, :2]
+    chroma = Appearance(median, median.max(-1), median.mean(-1), np.ones(median.shape[:2], bool)).features()[:, :2]
     assert np.abs(chroma[0] - chroma[1]).max() < 0.1 * np.abs(chroma[0] - chroma[2]).max()
 
 

@@ -24,7 +24,7 @@ def cloth(names: list[str], seed: int = 0) -> tuple[Appearance, np.ndarray]:
     median = (median * rng.normal(1, 0.03, median.shape)).astype(np.float32)
     shiny = np.array([30.0 if name == "gold" else 3.0 for name in names])[truth] * rng.uniform(0.8, 1.2, truth.shape)
     middle = median.mean(-1)
-    return Appearance(median, (middle * shiny).astype(np.float32), middle), truth
+    return Appearance(median, (middle * shiny).astype(np.float32), middle, np.ones(middle.shape, bool)), truth
 
 
 def test_number_of_regions_is_found_and_the_shiniest_is_first() -> None:
@@ -48,7 +48,7 @@ def test_seeds_name_the_regions() -> None:
 
 def test_seeds_count_from_the_top_left() -> None:
     look, _ = cloth(["red", "gold"])
-    top_down = Appearance(*(np.rot90(a, -1) for a in (look.median, look.peak, look.middle)))
+    top_down = Appearance(*(np.rot90(a, -1) for a in (look.median, look.peak, look.middle, look.inside)))
     found = segment(top_down, None, [Seed("upper", 5, 2), Seed("lower", 5, 20)], "test")
     labels = found.labels.reshape(top_down.middle.shape)
     assert found.names[labels[-1, 5]] == "upper"
@@ -90,17 +90,19 @@ def test_a_region_that_dies_stops_only_where_it_was_asked_for() -> None:
 def test_constant_and_black_maps_are_one_region() -> None:
     for value in (0.0, 0.3):
         flat = np.full((20, 20), value, np.float32)
-        found = segment(Appearance(np.stack([flat] * 3, -1), flat, flat), None, [], "test")
+        found = segment(Appearance(np.stack([flat] * 3, -1), flat, flat, np.ones(flat.shape, bool)), None, [], "test")
         np.testing.assert_array_equal(found.labels, 0)
         assert np.isfinite(found.confidence).all()
     with pytest.raises(InputError, match="look alike"):
-        segment(Appearance(np.stack([flat] * 3, -1), flat, flat), 2, [], "test")
+        segment(Appearance(np.stack([flat] * 3, -1), flat, flat, np.ones(flat.shape, bool)), 2, [], "test")
 
 
 def test_too_few_texels_at_all() -> None:
     flat = np.zeros((3, 3), np.float32)
     with pytest.raises(InputError, match="too few to segment"):
-        segment(Appearance(np.zeros((3, 3, 3), np.float32), flat, flat), None, [], "labels.exr")
+        segment(
+            Appearance(np.zeros((3, 3, 3), np.float32), flat, flat, np.ones(flat.shape, bool)), None, [], "labels.exr"
+        )
 
 
 def test_held_out_lights_are_not_seen(tmp_path) -> None:
@@ -129,7 +131,11 @@ def brocade() -> tuple[Appearance, np.ndarray, np.ndarray]:
     cosine = np.array(lights)[:, 2]
     median = np.median(T[cosine > 0.5] / cosine[cosine > 0.5, None, None, None], axis=0).astype(np.float32)
     middle, peak = np.percentile(T.mean(-1), (40, 98), axis=0).astype(np.float32)
-    return Appearance(median, peak, middle), truth.reshape(-1).astype(int), purity.reshape(-1)
+    return (
+        Appearance(median, peak, middle, np.ones(middle.shape, bool)),
+        truth.reshape(-1).astype(int),
+        purity.reshape(-1),
+    )
 
 
 def test_accuracy_on_the_virtual_fabric(brocade: tuple[Appearance, np.ndarray, np.ndarray]) -> None:

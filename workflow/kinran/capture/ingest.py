@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from kinran.base.distances import crop_centre, seen_from, unit
-from kinran.base.files import check_name
+from kinran.base.files import check_name, sha256
 from kinran.capture.photograph_set import Known, PhotographSet, inspect, remark_on_lengths
 from kinran.data.capture_plan import LIST_GROUP, Group, Plan, PlanLight, Shot, list_group_names, write_plan
 from kinran.data.light import LpLight
@@ -70,6 +70,8 @@ def plan(fabric: str, photographs: PhotographSet, known: Known) -> Plan:
         encoding=known.encoding,
         crop=known.crop,
         axis_mm=(-centre[0], -centre[1]) if measured.camera_mm and part else None,
+        mask=str(photographs.mask.resolve()) if photographs.mask else "",
+        mask_sha256=sha256(photographs.mask) if photographs.mask else "",
     )
 
 

@@ -13,6 +13,7 @@ from kinran.data.colour_profile import is_srgb, name_of
 from kinran.data.hold_out_rule import held_out
 from kinran.data.light import LpLight
 from kinran.data.light_files import LightFile, find_lights
+from kinran.data.mask import find_mask, read_mask
 from kinran.data.nominal_time import ExposureSettings, exposure_of, nominal_seconds
 from kinran.data.picture_file import check_whole, read_picture
 from kinran.data.picture_kind import is_raw, kind_of
@@ -47,6 +48,12 @@ class Known:
         "lights, where no .lp lies beside the photographs; +x is right, +y up, +z to the camera",
     ] = None
 
+    mask: Annotated[
+        Path | None,
+        "--mask FILE",
+        "picture that is white where the fabric is (default: mask.png beside the photographs, if there is one)",
+    ] = None
+
     @property
     def distances(self) -> Distances:
         """Distances of lamps and camera.
@@ -78,12 +85,15 @@ class PhotographSet:
         Nominal exposure times of the brackets in seconds, longest first; 1 for single photographs.
     remarks
         Sentences on what was taken in a way that no file states.
+    mask
+        Picture that is white where the fabric is; None without one.
     """
 
     lights: list[LpLight]
     size: tuple[int, int] = (1, 1)
     exposures_s: tuple[float, ...] = (1.0,)
     remarks: tuple[str, ...] = ()
+    mask: Path | None = None
 
 
 def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
@@ -129,7 +139,11 @@ def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
             check_whole(path)
     check_alike(settings, len(paths) == len(found))
     check_profile(first, known.encoding)
-    return PhotographSet(lights, sizes[first], seconds, tuple(remarks))
+    mask = known.mask or find_mask(folder)
+    if mask:
+        inside = read_mask(mask, sizes[first], crop)
+        remarks.append(f"{mask}: is taken as the mask; {1 - inside.mean():.1%} of the texels are outside and left out")
+    return PhotographSet(lights, sizes[first], seconds, tuple(remarks), mask)
 
 
 def _by_order(folder: Path, listed: LightFile, found: dict[str, list[Path]]) -> list[str]:

@@ -125,6 +125,8 @@ class Plan:
     axis_mm
         Point (X, Y) in which the camera's axis meets the fabric, in millimetres from the middle of the crop; None for
         the middle itself.
+    mask, mask_sha256
+        File of the mask of photographs, and its SHA-256; empty without one.
     backlash
         Degrees that an axis of the rig goes beyond a target which it would reach from below, to take up its play.
     """
@@ -142,6 +144,8 @@ class Plan:
     encoding: str | None = None
     crop: str = ""
     axis_mm: tuple[float, float] | None = None
+    mask: str = ""
+    mask_sha256: str = ""
     backlash: float = 0.0
 
     @property
@@ -234,10 +238,14 @@ def check_plan(path: Path, plan: Plan) -> None:
             seen.add(shot.shot)
 
 
+ABSENT = (("camera_mm", None), ("axis_mm", None), ("mask", ""), ("mask_sha256", ""), ("backlash", 0.0))
+"""Keys that a plan's file leaves out where they have these values."""
+
+
 def _as_json(plan: Plan) -> dict[str, Any]:
     plan = msgspec.convert(asdict(plan), Plan)  # 600 is 600.0, as it will be when the plan is read
     value = {"version": VERSION, **asdict(plan)}
-    for key, absent in (("camera_mm", None), ("axis_mm", None), ("backlash", 0.0)):
+    for key, absent in ABSENT:
         if value[key] == absent:  # plans that were written without these keys keep their digests
             del value[key]
     for light in value["lights"]:

@@ -95,17 +95,17 @@ class Survey:
 
 
 def survey(stack: Stack) -> Survey:
-    """Survey the held-out photographs of a stack, of which a tile is in memory at a time.
+    """Survey the held-out photographs of a stack inside its mask, of which a tile is in memory at a time.
 
     Half precision has 65,536 values: the percentile is that of how often each occurs, and exact.
     """
     lights = [light for light in stack.lights if light.held_out]
     counts, total = np.zeros(1 << 16, np.int64), np.zeros(len(lights))
     for box in stack.tiles():
-        truth = HeldOut.read(stack, box, 1.0).truth
+        truth = HeldOut.read(stack, box, 1.0).truth[:, stack.inside[box[0] : box[1], box[2] : box[3]]]
         counts += np.bincount(truth.astype(np.float16).view(np.uint16).ravel(), minlength=len(counts))
-        total += truth.sum((1, 2, 3), dtype=float)
-    mean = total / (stack.height * stack.width * 3)
+        total += truth.sum((1, 2), dtype=float)
+    mean = total / (stack.inside.sum() * 3)
     return Survey(lights, share_of(lights), _percentile(counts, PEAK) or 1.0, mean)
 
 

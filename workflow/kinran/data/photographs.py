@@ -15,6 +15,8 @@ from kinran.data.picture_kind import is_raw, kind_of
 from kinran.data.radiance import SATURATED, Radiance
 from kinran.data.raw import raw_size
 
+MASK = re.compile(r"(.*[._-])?mask", re.IGNORECASE)
+"""Pattern of the stem of a mask's name: ``mask.png`` (DiLiGenT, LUCES), ``buddha.mask.tga``."""
 CLIPPED = 254 / 255
 """Encoded value from which a sample is saturated: the last code but one, since white in a JPEG may miss the last."""
 
@@ -93,7 +95,9 @@ def find(folder: Path, lights: list[LpLight]) -> dict[str, Path]:
 
 def in_order(folder: Path, count: int) -> list[Path]:
     """Return the pictures of a folder by name, numbers by their value; none where it has not so many."""
-    images = sorted((path for paths in _images(folder).values() for path in paths), key=_natural)
+    images = sorted(
+        (path for name, paths in _images(folder).items() if not MASK.fullmatch(name) for path in paths), key=_natural
+    )
     return images if len(images) == count else []
 
 

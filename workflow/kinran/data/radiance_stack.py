@@ -12,6 +12,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from kinran.base.checksums import json_line
 from kinran.base.files import InputError, atomic, on_disk, read_json
 from kinran.data.light import Light as Light
-from kinran.data.radiance import HOT, SATURATED, Flags, Radiance
+from kinran.data.radiance import HOT, OUTSIDE, SATURATED, Flags, Radiance
 from kinran.data.shards import NAMES, SHARD, shard_path
 
 Box = tuple[int, int, int, int]
@@ -58,6 +59,8 @@ class Metadata:
         Parameters of the noise model.
     camera_mm
         Position of the camera's centre of projection in millimetres from the field's centre; None when unknown.
+    masked
+        Whether the set has a mask, so that texels outside it are flagged (`OUTSIDE`).
     """
 
     lights: tuple[Light, ...]
@@ -70,6 +73,7 @@ class Metadata:
     to_acescg: NDArray[np.float64]
     noise: dict[str, Any]
     camera_mm: tuple[float, float, float] | None = None
+    masked: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,6 +121,7 @@ class Stack(Metadata):
                 colour=values["colour"]["name"],
                 to_acescg=np.array(values["colour"]["to_acescg"], float).reshape(3, 3),
                 camera_mm=msgspec.convert(values.get("camera_mm"), tuple[float, float, float] | None),
+                masked=values.get("masked", False),
                 path=path,
                 _arrays=arrays,
             )
@@ -132,6 +137,15 @@ class Stack(Metadata):
     def directions(self) -> NDArray[np.float64]:
         """Unit directions (light, 3) of the lights."""
         return np.array([light.direction for light in self.lights], float).reshape(-1, 3)
+
+    @cached_property
+    def inside(self) -> NDArray[np.bool_]:
+        """Whether each texel (y, x) is inside the mask of the set; all are where it has none."""
+        inside = np.ones((self.height, self.width), bool)
+        for y0, y1, x0, x1 in self.tiles() if self.masked else []:
+            _, flags = self.read_stored(y0, y1, x0, x1, lights=[0])
+            inside[y0:y1, x0:x1] = ~((flags[0] & OUTSIDE) > 0).any(-1)
+        return inside
 
     def tiles(self, side: int = CHUNK) -> list[Box]:
         """Return boxes (y0, y1, x0, x1) that cover the stack, in rows from v = 0; chunks by default."""
@@ -286,6 +300,7 @@ def write_metadata(folder: Path, metadata: Metadata) -> None:
         "noise": metadata.noise,
         "camera_mm": metadata.camera_mm,
         "unit": unit_of(metadata.encoding, metadata.noise),
+        **({"masked": True} if metadata.masked else {}),
     }
     import zarr
 

@@ -59,9 +59,10 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
     fabric = Fabric(inputs.fabric)
     names = [region.name for region in fabric.regions]
     labels = fabric.labels
-    sample = read_some(fabric, spread_over_regions(labels, len(names), SAMPLE))
+    sample = read_some(fabric, spread_over_regions(labels, len(names), SAMPLE, fabric.stack.inside))
     shown = display(fabric.stack, sample.T)
-    share = np.bincount(labels.ravel(), minlength=len(names)) / labels.size
+    of_inside = labels[fabric.stack.inside]
+    share = np.bincount(of_inside, minlength=len(names)) / of_inside.size
     judged = judge(sample, shown, options.threads)
     chosen, kinds = choose(judged, share)
     assert chosen.lobes

@@ -25,6 +25,8 @@ log = logging.getLogger(__name__)
 
 Map = NDArray[np.float32]
 
+NOT_MEASURED = -1
+"""Label of texels outside the mask of a set, whose other channels are 0."""
 COSTS = ("cpu_seconds", "read_seconds")
 
 
@@ -69,8 +71,10 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
     labels = fabric.labels
     lobes = chosen_lobes(inputs.choice, options.tail, options.lobes)
     maps, costs, peak = _maps(inputs.runs, kind(options.model, lobes), out.material, labels.shape)
-    widened = maps.pop("fit.widened", np.zeros(1)) > 0
-    filled = _fill(maps, maps.pop("fit.valid") > 0, labels)
+    widened, inside = maps.pop("fit.widened", np.zeros(1)) > 0, fabric.stack.inside
+    filled = _fill(maps, (maps.pop("fit.valid") > 0) | ~inside, labels)
+    for plane in maps.values():
+        plane[~inside] = 0
     material = _material(fabric, inputs, options, lobes, maps)
     bound = clamp(material)
     write_material(out.material, replace(material, channels={**material.channels, "bound": bound}))
@@ -84,7 +88,8 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
         "bytes_per_texel": 2 * (len(maps) + 1),
         "filled_texels": filled,
         "widened_texels": int(widened.sum()),
-        "clamped_share": round(float((bound < 1).mean()), 5),
+        "outside_texels": int((~inside).sum()),
+        "clamped_share": round(float((bound < 1)[inside].mean()), 5),
     }
     write_runs(out.material, len(inputs.runs), options.settings)
     write_json(out.summary, summary)
@@ -101,7 +106,7 @@ def _material(fabric: Fabric, inputs: Inputs, options: Options, lobes: Lobes, ma
         raise InputError(f"model {model}: is none of {', '.join(MODELS)}")
     lobed = lobed_labels(fabric.labels, options.fitted, inputs.need, inputs.choice)
     channels = _material_channels(maps, stack.to_acescg)
-    channels["label"] = fabric.labels.astype(np.float32)
+    channels["label"] = np.where(stack.inside, fabric.labels, np.float32(NOT_MEASURED))
     models = [model if lobed is None or r.label in lobed else Lambert.name for r in fabric.regions]
     return Material(
         channels=channels,

@@ -35,7 +35,7 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "priors (.json)"], options:
     fabric = Fabric(inputs.fabric)
     lobes = chosen_lobes(inputs.choice, options.tail, options.lobes)
     regions = len(fabric.regions)
-    samples = read_some(fabric, spread_over_regions(fabric.labels, regions, learned_priors.SAMPLE))
+    samples = read_some(fabric, spread_over_regions(fabric.labels, regions, learned_priors.SAMPLE, fabric.stack.inside))
     lights = [fabric.stack.lights[i] for i in training_lights(fabric.stack)]
     priors = under_priors.learn(samples, regions, lobes, options.threads)
     for light, factor in zip(lights, priors.lights, strict=True):

@@ -95,7 +95,7 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
     fabric = Fabric(inputs.fabric)
     material = read_material(inputs.material)
     domain = fabric.stack.encoding or f"log:{_peak(fabric):.6g}"
-    sample = read_some(fabric, _spread(fabric.labels.shape))
+    sample = read_some(fabric, _spread(fabric.stack.inside))
     lobes, priors = Lobes(material.tail, material.lobes), Priors.read(inputs.prior, fabric)
     choice = cross_validate(sample, lobes, priors.regions, domain, options.threads)
     if choice.components:
@@ -140,11 +140,11 @@ def _peak(fabric: Fabric) -> float:
     return max(float(np.percentile(tile.under.reaching(tile.T), 99.9)) for tile in tiles)
 
 
-def _spread(shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Mask (y, x) of the texels on which the candidates are compared."""
-    chosen = np.zeros(int(np.prod(shape)), bool)
-    chosen[np.linspace(0, chosen.size - 1, min(SAMPLE, chosen.size)).astype(int)] = True
-    return chosen.reshape(shape)
+def _spread(inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Mask (y, x) of the texels on which the candidates are compared, of those inside a mask."""
+    chosen, texels = np.zeros(inside.size, bool), np.flatnonzero(inside)
+    chosen[texels[np.linspace(0, len(texels) - 1, min(SAMPLE, len(texels))).astype(int)]] = True
+    return chosen.reshape(inside.shape)
 
 
 def cross_validate(samples: Samples, lobes: Lobes, priors: list[Prior], domain: str, threads: int = 1) -> Choice:

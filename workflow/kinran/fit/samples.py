@@ -142,11 +142,17 @@ def concatenated(parts: Sequence[Samples]) -> Samples:
     return Samples(T, W, join([part.under for part in parts]), region, second, bounds)
 
 
-def spread_over_regions(labels: LabelMap | Labels, regions: int, most: int) -> NDArray[np.bool_]:
-    """Mask, (y, x) or (texel,) as the labels, of at most `most` texels of each region, evenly through it."""
+def spread_over_regions(
+    labels: LabelMap | Labels, regions: int, most: int, measured: NDArray[np.bool_] | None = None
+) -> NDArray[np.bool_]:
+    """Mask, (y, x) or (texel,) as the labels, of at most `most` texels of each region, evenly through it.
+
+    Texels that are not among `measured`, a mask like the labels, are left out.
+    """
     chosen = np.zeros(labels.size, bool)
+    of = labels.reshape(-1)
     for k in range(regions):
-        inside = np.flatnonzero(labels.reshape(-1) == k)
+        inside = np.flatnonzero((of == k) if measured is None else (of == k) & measured.reshape(-1))
         chosen[inside[np.linspace(0, len(inside) - 1, min(most, len(inside))).astype(int)]] = True
     return chosen.reshape(labels.shape)
 

@@ -77,7 +77,7 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
             plane = maps.setdefault(name, np.zeros(labels.shape, np.float32))
             plane[y0:y1, x0:x1] = values.reshape(y1 - y0, x1 - x0)
     write_exr(out.maps, maps)
-    regions = {region.name: labels == region.label for region in fabric.regions}
+    regions = {region.name: (labels == region.label) & stack.inside for region in fabric.regions}
     write_json(out.summary, {name: summary(material, maps, inside) for name, inside in regions.items()})
     pictures.write_png(out.picture, picture(material, maps))
 

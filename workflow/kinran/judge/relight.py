@@ -61,8 +61,8 @@ def _compare(material: Material, light: LpLight, image: Image, path: Path) -> fl
             f"{path}: is {truth.shape[1]}x{truth.shape[0]} but the material is {image.shape[1]}x{image.shape[0]};"
             " compare with the photographs that it was made from"
         )
-    ones = np.ones_like(image)
+    measured = np.broadcast_to(material.channels["label"][..., None] >= 0, image.shape).astype(np.float32)
     if material.encoding:
-        return metrics.psnr(encoding.encode(image), encoding.encode(truth), ones)
+        return metrics.psnr(encoding.encode(image), encoding.encode(truth), measured)
     peak = float(np.percentile(truth, 99.9)) or 1.0
-    return metrics.psnr(metrics.to_display(image, None, peak), metrics.to_display(truth, None, peak), ones)
+    return metrics.psnr(metrics.to_display(image, None, peak), metrics.to_display(truth, None, peak), measured)

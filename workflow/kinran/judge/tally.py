@@ -39,7 +39,8 @@ class Tally:
         for total, values in zip((self._shown, self._sound, self._error, self._energy), by_texel, strict=True):
             total += values @ inside
         wrong, bright = (self._share @ values for values in by_texel[2:])
-        self._texels.append(np.sqrt(wrong / np.maximum(bright, 1e-12)).astype(np.float32))
+        known = by_texel[1].any(0)
+        self._texels.append(np.sqrt(wrong / np.maximum(bright, 1e-12)).astype(np.float32)[known])
 
     def errors(self) -> dict[str, Any]:
         """Return the errors over all texels and lights, by texel, by region and by light."""

@@ -19,7 +19,7 @@ from kinran.base.files import InputError
 from kinran.data.fabric import Fabric
 from kinran.data.labels import write_labels, write_regions
 from kinran.data.needed_regions import read_need
-from kinran.data.radiance import DARK, HOT, Radiance
+from kinran.data.radiance import DARK, HOT, OUTSIDE, Radiance
 from kinran.data.radiance_stack import CHUNK, Stack, write_metadata, write_shards
 from kinran.data.shards import NAMES, SHARD, shard_path
 
@@ -59,7 +59,7 @@ def average(radiance: Radiance, factor: int) -> Radiance:
     ----------
     radiance : (light, y, x, 3)
         Radiance of texels. Defects are left out of the mean, and flag a block only where it has nothing else. A block
-        is dark if all of it is, and saturated or shifted if any of it is.
+        is dark, or outside the mask, if all of it is, and saturated or shifted if any of it is.
     factor
         Texels along the side of a block.
     """
@@ -69,8 +69,8 @@ def average(radiance: Radiance, factor: int) -> Radiance:
     sound = (bits & HOT) == 0
     weight = np.where(sound.any((2, 4), keepdims=True), sound, True).astype(np.float32)
     mean = (weight * values).sum((2, 4)) / weight.sum((2, 4))
-    every = np.bitwise_and.reduce(np.bitwise_and.reduce(bits, 4), 2) & np.uint8(HOT | DARK)
-    some = np.bitwise_or.reduce(np.bitwise_or.reduce(np.where(sound, bits, 0), 4), 2) & ~np.uint8(HOT | DARK)
+    every = np.bitwise_and.reduce(np.bitwise_and.reduce(bits, 4), 2) & np.uint8(HOT | DARK | OUTSIDE)
+    some = np.bitwise_or.reduce(np.bitwise_or.reduce(np.where(sound, bits, 0), 4), 2) & ~np.uint8(HOT | DARK | OUTSIDE)
     return Radiance(mean.astype(np.float32), (every | some).astype(np.uint8))
 
 

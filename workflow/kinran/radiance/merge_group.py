@@ -22,7 +22,9 @@ from kinran.calibrate.lamp import lamp_gains, level
 from kinran.calibrate.radiometry import to_radiance
 from kinran.data.calibration import Calibration, read_calibration
 from kinran.data.capture_plan import Plan, PlanLight, read_plan
-from kinran.data.radiance import SATURATED, Radiance
+from kinran.data.mask import read_mask
+from kinran.data.photographs import parse_crop, size
+from kinran.data.radiance import OUTSIDE, SATURATED, Radiance
 from kinran.data.radiance_stack import ShardWriter
 from kinran.data.shards import NAMES, SHARD, group_shards, shard_path
 
@@ -58,9 +60,10 @@ def main(inputs: Inputs, out: Outputs) -> None:
     used = [plan.lights[index] for index in wanted]
     gains = None if plan.on_rig else distance_gains(shots, plan)
     evened, seen = relative_intensities(plan), without_colours(calibration)
+    inside = mask_of(plan)
 
     def merge() -> dict[str, Any]:
-        merged = merge_lights(inputs.manifest, shots, used, seen, gains, evened, out.stack)
+        merged = merge_lights(inputs.manifest, shots, used, seen, gains, evened, inside, out.stack)
         log.info("group %s: %d lights merged", group, len(used))
         return merged
 
@@ -70,7 +73,7 @@ def main(inputs: Inputs, out: Outputs) -> None:
         merged = made(
             f"group {group}",
             "kinran.radiance.merge_group",
-            lambda: (contents(shots), used, seen, gains, evened),
+            lambda: (contents(shots), used, seen, gains, evened, plan.mask_sha256),
             files,
             merge,
         )
@@ -114,6 +117,7 @@ def merge_lights(
     calibration: Calibration,
     gains: dict[str, float] | None,
     evened: dict[int, NDArray[np.float32]],
+    inside: NDArray[np.bool_] | None,
     stack: Path,
 ) -> dict[str, Any]:
     """Write the shards of lights, which are whole shards in their order.
@@ -132,6 +136,8 @@ def merge_lights(
         Relative light of the lamp at each shot, by name; None to measure it (`measure_gains`).
     evened
         Light (3,) of the lamps beside their mean, by index of the light (`relative_intensities`).
+    inside
+        Mask (y, x) of the texels that have samples; None for all.
     stack
         Folder of the stack.
 
@@ -151,13 +157,31 @@ def merge_lights(
                 picture = merge_shot(by_light[light.index], calibration, gains, light.theta, light.phi)
                 if light.index in evened:
                     picture = picture.with_value(picture.value / evened[light.index])
+                if inside is not None:
+                    picture = picture.only(inside)
                 writer.add(picture)
                 saturated += int(np.count_nonzero(picture.has(SATURATED)))
-                samples += picture.flags.size
+                samples += int(np.count_nonzero(~picture.has(OUTSIDE)))
                 del picture  # before the next light's frames are read
             written = writer.write(shard * SHARD)
         digests |= {path.relative_to(stack).as_posix(): sha256(path) for path in written}
     return {"sha256": digests, "saturated": saturated / max(samples, 1), "lamp": gains}
+
+
+def mask_of(plan: Plan) -> NDArray[np.bool_] | None:
+    """Return the mask (y, x) of a plan's texels; None without one.
+
+    Raises
+    ------
+    InputError
+        It has changed since the plan was made.
+    """
+    if not plan.mask:
+        return None
+    path = Path(plan.mask)
+    if not path.is_file() or sha256(path) != plan.mask_sha256:
+        raise InputError(f"{path}: the mask is not the one that was ingested; ingest the folder again")
+    return read_mask(path, size(path), parse_crop(plan.crop))
 
 
 def distance_gains(shots: list[Taken], plan: Plan) -> dict[str, float]:

@@ -75,6 +75,7 @@ def metadata_of(plan: Plan, calibration: Calibration, held: set[int]) -> Metadat
         colour=calibration.colour,
         to_acescg=calibration.matrix,
         noise=calibration.noise(),
+        masked=bool(plan.mask),
         camera_mm=(*(plan.axis_mm or (0.0, 0.0)), plan.camera_mm) if plan.camera_mm else None,
     )
 

@@ -23,7 +23,7 @@ from kinran.data.capture_plan import list_group_names, read_plan
 from kinran.data.light_files import find_lights
 from kinran.run.config import check, own_settings, read_schema, rig_directions, sheet_of
 
-OF_PHOTOGRAPHS = ("lamp_mm", "field_mm", "camera_mm", "chart", "chart_corners", "lamp")
+OF_PHOTOGRAPHS = ("lamp_mm", "field_mm", "camera_mm", "chart", "chart_corners", "lamp", "mask")
 """Columns of the sheet of fabrics that it need not have."""
 GENERATED = "generated"
 """The scan that stands for a simulated one."""
@@ -66,6 +66,8 @@ class FabricRow:
         Folder of its photographs; None where it lies on the rig.
     lp
         File of the lights of its photographs; None where it lies beside them.
+    mask
+        Mask of its photographs; None for the one beside them, if there is one.
     encoding, crop
         Encoding and crop of the photographs.
     regions
@@ -89,6 +91,7 @@ class FabricRow:
     name: str
     folder: Path | None
     lp: Path | None
+    mask: Path | None
     encoding: str
     crop: str
     regions: int | None
@@ -132,9 +135,10 @@ class FabricRow:
 
     @property
     def light_options(self) -> str:
-        """Options of `kinran ingest` for the lights: distances, and their file."""
+        """Options of `kinran ingest` for the lights and the mask: distances, and their files."""
         given = {name.replace("_", "-"): value for name, value in asdict(self.distances).items() if value is not None}
-        return " ".join([*(f"--{name} {value:.9g}" for name, value in given.items()), self.lp_option]).strip()
+        mask = f"--mask {shlex.quote(str(self.mask))}" if self.mask else ""
+        return " ".join([*(f"--{name} {value:.9g}" for name, value in given.items()), self.lp_option, mask]).strip()
 
 
 @dataclass(frozen=True)
@@ -300,6 +304,7 @@ def _on_rig(row: SheetRow) -> FabricRow:
         name=cells["fabric"],
         folder=None,
         lp=None,
+        mask=None,
         encoding="",
         crop="",
         regions=_regions(row),
@@ -338,6 +343,7 @@ def _of_photographs(row: SheetRow, place: Path) -> FabricRow:
         name=name,
         folder=folder,
         lp=lp,
+        mask=Path(cells["mask"]) if cells.get("mask") else None,
         encoding=encoded,
         crop=cells["crop"],
         regions=_regions(row),

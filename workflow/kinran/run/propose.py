@@ -132,7 +132,7 @@ def chosen(fabric: Fabric, inputs: Inputs, options: Options, count: int) -> tupl
     """Directions (n, 3) of the group's lights for the fit, and the factor by which the error is expected to fall."""
     assert inputs.prior
     regions = len(fabric.regions)
-    texels = spread_over_regions(fabric.labels, regions, -(-design.TEXELS // regions))
+    texels = spread_over_regions(fabric.labels, regions, -(-design.TEXELS // regions), fabric.stack.inside)
     samples = read_some(fabric, texels)
     sizes = np.array([region.texels for region in fabric.regions], float)
     share = (sizes / np.maximum(np.bincount(samples.region, minlength=regions), 1))[samples.region]

@@ -83,6 +83,7 @@ def prepare(inputs: Inputs, out: Path, options: Options) -> Path:
             "chart_corners": options.chart_corners,
             "lamp": options.lamp,
             "lp": str(options.lp.resolve()) if options.lp else "",
+            "mask": str(options.mask.resolve()) if options.mask else "",
         }
         rows = ["\t".join(row), "\t".join(row.values())]
         (work / "config" / "fabrics.tsv").write_text("\n".join(rows) + "\n", encoding="utf-8")

@@ -25,11 +25,14 @@ class Appearance:
         Median of T / cos θ_i over lights within 60° of the normal, samples with a clipped channel left out.
     peak, middle : (y, x) float32
         98th and 40th percentile of luminance (mean of the channels), clipped samples included.
+    inside : (y, x) bool
+        Whether each texel is inside the mask of its set.
     """
 
     median: Map
     peak: Map
     middle: Map
+    inside: NDArray[np.bool_]
 
     @property
     def shininess(self) -> Features:
@@ -37,13 +40,14 @@ class Appearance:
         return np.asarray(np.log((self.peak.astype(float) + 1e-4) / (self.middle.astype(float) + 1e-4)))
 
     def features(self) -> Features:
-        """Log chroma (R/G, B/G), log luminance and shininess, each of unit spread; (texel, 4).
+        """Log chroma (R/G, B/G), log luminance and shininess, each of unit spread; (texel, 4) of the texels inside.
 
         In one photograph threads differ by their shading; these features hold whatever way a thread faces.
         """
-        floor = 1e-3 * max(float(np.percentile(self.median, 99)), 1e-6) + 1e-6
-        m = np.log(np.maximum(self.median.astype(float), 0) + floor)
-        shininess = np.log(np.maximum(self.peak, 0) + floor) - np.log(np.maximum(self.middle, 0) + floor)
+        median, peak, middle = (part[self.inside] for part in (self.median, self.peak, self.middle))
+        floor = 1e-3 * max(float(np.percentile(median, 99)), 1e-6) + 1e-6
+        m = np.log(np.maximum(median.astype(float), 0) + floor)
+        shininess = np.log(np.maximum(peak, 0) + floor) - np.log(np.maximum(middle, 0) + floor)
         columns = np.stack([m[..., 0] - m[..., 1], m[..., 2] - m[..., 1], m.mean(-1), shininess], -1).reshape(-1, 4)
         spread = columns.std(0)
         return np.asarray((columns - columns.mean(0)) / np.where(spread > 1e-6, spread, 1.0))
@@ -62,7 +66,7 @@ def over_lights(stack: Stack) -> Appearance:
         clipped = seen[high].texels_with(SATURATED)
         median[y0:y1, x0:x1] = median_unclipped(radiance[high] / cosine[high, None, None, None], clipped)
         middle[y0:y1, x0:x1], peak[y0:y1, x0:x1] = np.percentile(radiance.mean(-1), (40, 98), axis=0)
-    return Appearance(median, peak, middle)
+    return Appearance(median, peak, middle, stack.inside)
 
 
 def median_unclipped(values: Map, clipped: NDArray[np.bool_]) -> Map:

@@ -12,6 +12,7 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from kinran.base.exr import write_exr
 from kinran.base.files import NAME, InputError
@@ -58,6 +59,8 @@ def main(
     found = segment(look, options.count, seeds, str(known.labels_path))
     shape = look.middle.shape
     labels = found.labels.reshape(shape)
+    if not look.inside.all():
+        log.info("%d texels are outside the mask, and belong to no region", int((~look.inside).sum()))
     write_labels(
         known.labels_path,
         labels,
@@ -141,7 +144,7 @@ def segment(look: Appearance, count: int | None, seeds: list[Seed], name: str) -
         Fewer texels than regions need, a region that was asked for has too few of them, or the seeds do not
         fit the map or the number.
     """
-    features, shape = look.features(), look.middle.shape
+    features, shape, inside = look.features(), look.middle.shape, look.inside.reshape(-1)
     least = max(LEAST_TEXELS, int(LEAST_SHARE * len(features)))
     if len(features) < least:
         raise InputError(f"{name}: {len(features)} texels are too few to segment; {least} are needed")
@@ -149,15 +152,16 @@ def segment(look: Appearance, count: int | None, seeds: list[Seed], name: str) -
     fixed = np.full(len(features), -1, np.intp)
     strict = bool(seeds) or count is not None
     if seeds:
-        names, fixed = plant(seeds, (shape[0], shape[1]), name)
+        names, planted = plant(seeds, (shape[0], shape[1]), name)
+        fixed = planted[inside]
         if count not in (None, len(names)):
             raise InputError(f"{name}: the seeds name {len(names)} regions but {count} are asked for; correct one")
         count = len(names)
     elif count is None:
         count = mahalanobis.choose_count(features, least)
     while True:
-        distances, labels = _find(features, (shape[0], shape[1]), count, fixed, name)
-        sizes = np.bincount(labels, minlength=count)
+        distances, labels = _find(features, look.inside, count, fixed, name)
+        sizes = np.bincount(labels[inside], minlength=count)
         if sizes.min() >= least:
             break
         if strict:
@@ -167,7 +171,9 @@ def segment(look: Appearance, count: int | None, seeds: list[Seed], name: str) -
                 " ask for fewer regions"
             )
         count -= 1
-    order = np.argsort([-np.median(look.shininess.reshape(-1)[labels == k]) for k in range(count)], kind="stable")
+    order = np.argsort(
+        [-np.median(look.shininess.reshape(-1)[inside & (labels == k)]) for k in range(count)], kind="stable"
+    )
     distances, labels = distances[:, order], np.argsort(order)[labels].astype(np.intp)
     second, share = mahalanobis.membership(distances, labels, (shape[0], shape[1]))
     sure = mahalanobis.confidence(distances, labels)
@@ -190,8 +196,11 @@ def plant(seeds: list[Seed], shape: tuple[int, int], name: str) -> tuple[tuple[s
     return names, fixed.reshape(-1)
 
 
-def _find(features: Array, shape: tuple[int, int], count: int, fixed: Labels, name: str) -> tuple[Array, Labels]:
-    """Squared distances (texel, count) to the regions, and labels (texel,)."""
+def _find(features: Array, inside: NDArray[np.bool_], count: int, fixed: Labels, name: str) -> tuple[Array, Labels]:
+    """Squared distances (texel, count) to the regions, and labels (texel,), of all texels.
+
+    Those outside a mask (y, x) have the distances of the nearest texel inside.
+    """
     different = len(np.unique(mahalanobis.sample(features), axis=0))
     if different < count:
         raise InputError(
@@ -199,8 +208,12 @@ def _find(features: Array, shape: tuple[int, int], count: int, fixed: Labels, na
         )
     planted = (fixed >= 0).any()
     regions = mahalanobis.grow(features, fixed, count) if planted else mahalanobis.search(features, count)
-    distances = regions.distances(features)
-    return distances, mahalanobis.settle(distances, shape)
+    distances = np.zeros((inside.size, count))
+    distances[inside.reshape(-1)] = regions.distances(features)
+    if not inside.all():
+        _, (y, x) = distance_transform_edt(~inside, return_indices=True)
+        distances = distances.reshape(*inside.shape, count)[y, x].reshape(-1, count)
+    return distances, mahalanobis.settle(distances, (inside.shape[0], inside.shape[1]))
 
 
 def describe(labels: Labels, look: Appearance, to_acescg: Array, names: tuple[str, ...] = ()) -> list[Region]:
@@ -208,7 +221,7 @@ def describe(labels: Labels, look: Appearance, to_acescg: Array, names: tuple[st
     regions: list[Region] = []
     taken: dict[str, int] = {}
     for k in range(int(labels.max()) + 1):
-        inside = labels == k
+        inside = (labels == k) & look.inside
         rgb = TO_REC709 @ (to_acescg @ np.median(look.median[inside], axis=0))
         name = names[k] if names else colour_name(rgb)
         taken[name] = taken.get(name, 0) + 1
