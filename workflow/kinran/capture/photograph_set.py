@@ -12,7 +12,8 @@ from kinran.data import photographs
 from kinran.data.colour_profile import is_srgb, name_of
 from kinran.data.hold_out_rule import held_out
 from kinran.data.light import LpLight
-from kinran.data.light_files import LightFile, find_lights
+from kinran.data.light_files import find_lights
+from kinran.data.light_list import LightFile
 from kinran.data.mask import find_mask, read_mask
 from kinran.data.nominal_time import ExposureSettings, exposure_of, nominal_seconds
 from kinran.data.picture_file import check_whole, read_picture

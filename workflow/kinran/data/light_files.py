@@ -1,13 +1,14 @@
-"""Files of a set's lights: `.lp`, as domes and RTI programs write it, and the directions of a photometric set."""
+"""Files of a set's lights: `.lp`, as domes and RTI programs write it, and those of photometric sets."""
 
 import math
 import re
-from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
 from kinran.base.distances import Vector
 from kinran.base.files import InputError
 from kinran.data.light import LpLight
+from kinran.data.light_list import AS_THEY_ARE, LightFile, numbered, over_horizon, with_intensities
+from kinran.data.light_projects import LED_PARAMETERS, PROJECTS, read_led_parameters, read_project
 
 SUFFIX = re.compile(r"[.][A-Za-z]{3,4}[\"']?$")
 """Pattern of an image's suffix at the end of a word."""
@@ -15,29 +16,8 @@ DECIMAL_COMMA = re.compile(r"^[+-]?\d*,\d+([eE][+-]?\d+)?$")
 """Pattern of a number that is written with a comma, as many countries do."""
 DIRECTIONS, NAMES, INTENSITIES = "light_directions.txt", "filenames.txt", "light_intensities.txt"
 """Files of a photometric set (DiLiGenT): directions, the images in their order, and the light of each lamp."""
-AS_THEY_ARE: Vector = (1.0, 1.0, 1.0)
-"""Signs of x, y, z that leave them as a file has them."""
 PROJECT = ("assembly-files", "lp", "LP")
 """Folders where projects keep their `.lp` (RTIBuilder, RelightLab), where none lies beside the photographs."""
-
-
-@dataclass(frozen=True)
-class LightFile:
-    """The lights that a file states.
-
-    Attributes
-    ----------
-    path
-        The file.
-    lights
-        Its lights over the horizon, in its order.
-    remarks
-        Sentences on what was taken in a way that the file does not state.
-    """
-
-    path: Path
-    lights: list[LpLight]
-    remarks: list[str] = field(default_factory=list)
 
 
 def find_lights(folder: Path, given: Path | None = None, signs: Vector = AS_THEY_ARE) -> LightFile:
@@ -58,11 +38,14 @@ def find_lights(folder: Path, given: Path | None = None, signs: Vector = AS_THEY
         The folder is missing, has no file of lights, or several, or the file is wrong.
     """
     path = given or lights_file(folder)
-    return read_directions(path, signs) if path.name == DIRECTIONS else read_lights(path, signs)
+    if path.suffix.lower() in PROJECTS:
+        return read_project(path, signs)
+    readers = {DIRECTIONS: read_directions, LED_PARAMETERS: read_led_parameters}
+    return readers.get(path.name, read_lights)(path, signs)
 
 
 def lights_file(folder: Path) -> Path:
-    """Return the only `.lp` file of a folder, or of its project's folder of such files, or its file of directions.
+    """Return the only `.lp` file of a folder, or of its project's folder of such files, or what else says its lights.
 
     Raises
     ------
@@ -77,8 +60,12 @@ def lights_file(folder: Path) -> Path:
             raise InputError(f"{place}: has {found[0].name} and {found[1].name}; keep one .lp file, or give --lp FILE")
         if found:
             return found[0]
-    if (folder / DIRECTIONS).is_file():
-        return folder / DIRECTIONS
+    for name in (DIRECTIONS, LED_PARAMETERS):
+        if (folder / name).is_file():
+            return folder / name
+    projects = sorted(path for path in folder.glob("*.relight") if not _hidden(path))
+    if len(projects) == 1:
+        return projects[0]
     raise InputError(
         f"{folder}: has no .lp file; add one with the number of lights and 'file x y z' for each, or give --lp FILE"
     )
@@ -129,11 +116,13 @@ def read_lights(path: Path, signs: Vector = AS_THEY_ARE) -> LightFile:
             )
         seen[file.stem] = number
         named.append((file, vector))
-    return _over_horizon(path, named, remarks, signs)
+    return over_horizon(path, named, remarks, signs)
 
 
 def read_directions(path: Path, signs: Vector = AS_THEY_ARE) -> LightFile:
     """Read the directions of a photometric set: a line ``x y z`` for each image of ``filenames.txt``.
+
+    Without that file, photographs go by their order.
 
     Raises
     ------
@@ -142,19 +131,20 @@ def read_directions(path: Path, signs: Vector = AS_THEY_ARE) -> LightFile:
     """
     rows = _table(path)
     names_file = path.with_name(NAMES)
-    names = [line.strip() for line in _lines(names_file) if line.strip()]
+    names = numbered(len(rows))
+    if names_file.is_file():
+        names = [line.strip() for line in _lines(names_file) if line.strip()]
     if len(names) != len(rows):
         raise InputError(f"{path}: has {len(rows)} lights but {NAMES} {len(names)} images; correct one")
     named = [(PurePosixPath(name), (x, y, z)) for name, (x, y, z) in zip(names, rows, strict=True)]
-    found = _over_horizon(path, named, [], signs)
+    found = over_horizon(path, named, [], signs)
     intensities = path.with_name(INTENSITIES)
     if not intensities.is_file():
         return found
     light = dict(zip(names, _table(intensities), strict=False))
     if len(light) != len(names):
         raise InputError(f"{intensities}: has {len(light)} lines for {len(names)} images; correct it")
-    lights = [LpLight(a.name, a.direction, a.file, a.folder, a.length, a.base, light[a.file]) for a in found.lights]
-    return LightFile(path, lights, found.remarks)
+    return with_intensities(found, light)
 
 
 def _table(path: Path) -> list[Vector]:
@@ -211,40 +201,6 @@ def _parse(path: Path, number: int, words: list[str]) -> tuple[PurePosixPath, Ve
         x, y, z = vector
         raise InputError(f"{path}: line {number} ({given.name}) has the light vector {x} {y} {z}; give a direction")
     return given, vector
-
-
-def _over_horizon(
-    path: Path, named: list[tuple[PurePosixPath, Vector]], remarks: list[str], signs: Vector
-) -> LightFile:
-    """Return lights over the horizon, with these signs of their axes; those under it are left out or, if all, turned.
-
-    Raises
-    ------
-    InputError
-        There are none.
-    """
-    named = [(given, (signs[0] * x, signs[1] * y, signs[2] * z)) for given, (x, y, z) in named]
-    turn = 1.0
-    if named and all(z < 0 for _, (_, _, z) in named):
-        turn = -1.0
-        remarks = [*remarks, f"{path}: every light has a negative z; z is taken to point away from the camera"]
-    lights, under = [], []
-    for given, (x, y, z) in named:
-        if turn * z <= 0:
-            under.append(given.name)
-            continue
-        length = math.hypot(x, y, z)
-        beside = not given.is_absolute() and ":" not in str(given) and len(given.parts) > 1
-        folder = str(given.parent) if beside else ""
-        unit = (x / length, y / length, turn * z / length)
-        lights.append(LpLight(given.stem, unit, given.name, folder, length, path.parent))
-    if not lights:
-        raise InputError(f"{path}: has no light over the horizon; z points to the camera")
-    if under:
-        some = ", ".join(under[:3]) + (", …" if len(under) > 3 else "")
-        plural = "light is" if len(under) == 1 else "lights are"
-        remarks = [*remarks, f"{path}: {len(under)} {plural} at or under the horizon and left out ({some})"]
-    return LightFile(path, lights, remarks)
 
 
 def write_lp(path: Path, lights: list[LpLight]) -> None:
