@@ -1,5 +1,6 @@
 """Photographs with a mask: what is outside it decides nothing, from the stack to the errors."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,11 @@ from kinran.base.files import InputError, read_json
 from kinran.capture import ingest, ingest_group
 from kinran.data.mask import find_mask, read_mask
 from kinran.data.photographs import Crop
-from kinran.data.radiance import HOT, OUTSIDE
+from kinran.data.radiance import HOT, OUTSIDE, Radiance
 from kinran.data.radiance_stack import Stack
 from kinran.fit import fit, material
-from kinran.judge import evaluate
+from kinran.judge import evaluate, relight
+from kinran.radiance.coarsen import average
 from kinran.segment import segment
 
 WIDTH, HEIGHT, LIGHTS = 56, 48, 12
@@ -59,6 +61,7 @@ def results(folder: Path, work: Path) -> dict[str, Any]:
     errors = read_json(judged.errors)["methods"]["lambert"]
     costs = ("fit", "relight_cpu_seconds")
     return {
+        "folder": folder,
         "stack": stack,
         "regions": read_json(fabric / "regions.json"),
         "maps": read_exr(made),
@@ -131,3 +134,26 @@ def test_names_sizes_and_crops_of_masks(tmp_path: Path) -> None:
         read_mask(mask, (HEIGHT, WIDTH))
     with pytest.raises(InputError, match="leaves no texel"):
         read_mask(mask, (WIDTH, HEIGHT), Crop(0, 0, 5, 5))
+
+
+def test_relighting_is_compared_inside(
+    dark: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A table that no material explains does not count; it would cost 30 dB."""
+    work = dark["folder"].parent
+    found = relight.Inputs(work / "set/lambert.exr", dark["folder"] / "lights.lp", dark["folder"])
+    bare = photographs(tmp_path / "white", 0.95)
+    relight.main(found, tmp_path / "a")
+    relight.main(replace(found, against=bare), tmp_path / "b")
+    means = [line.split()[1] for line in capsys.readouterr().out.splitlines() if line.startswith("mean")]
+    assert means[0] == means[1]
+    assert float(means[0]) > 30
+
+
+def test_blocks_of_texels_at_the_edge_of_a_mask() -> None:
+    """The mean of a block is that of its texels inside; it is outside where all are."""
+    value = np.arange(8, dtype=np.float32).reshape(1, 2, 4, 1).repeat(3, 3)
+    inside = np.array([[True, True, False, False], [True, False, False, False]])
+    coarse = average(Radiance.unflagged(value)[0].only(inside)[None], 2)
+    np.testing.assert_allclose(coarse.value[0, 0, :, 0], [(0 + 1 + 4) / 3, 0])
+    np.testing.assert_array_equal(coarse.flags[0, 0, :, 0], [0, HOT | OUTSIDE])
