@@ -133,7 +133,7 @@ def test_a_sphere_alone_gives_directions_from_where_it_lies(folder: Path, tmp_pa
 
 
 def test_spheres_are_found(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """To a pixel, though the black middle that they mirror is the clearer circle; lamps as from given ones, to 0.6°."""
+    """To a pixel, and lamps as from given ones, to 0.6°."""
     lights = run(folder, tmp_path / "found.lp", *KNOWN)
     found = sorted(found_spheres(capsys.readouterr().err))
 
