@@ -71,7 +71,8 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
     labels = fabric.labels
     lobes = chosen_lobes(inputs.choice, options.tail, options.lobes)
     maps, costs, peak = _maps(inputs.runs, kind(options.model, lobes), out.material, labels.shape)
-    widened, inside = maps.pop("fit.widened", np.zeros(1)) > 0, fabric.stack.inside
+    inside = fabric.stack.inside
+    widened = (maps.pop("fit.widened", np.zeros(1)) > 0) & inside
     filled = _fill(maps, (maps.pop("fit.valid") > 0) | ~inside, labels)
     for plane in maps.values():
         plane[~inside] = 0
