@@ -146,7 +146,10 @@ def test_spheres_are_found(folder: Path, tmp_path: Path, capsys: pytest.CaptureF
 def test_one_is_used_where_the_width_is_unknown(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert len(run(folder, tmp_path / "one.lp")) == 5
+    (tmp_path / "small").mkdir()
+    for path in folder.glob("*.jpg"):
+        Image.open(path).reduce(2).save(tmp_path / "small" / path.name)
+    assert len(run(tmp_path / "small", tmp_path / "one.lp")) == 5
     log = capsys.readouterr().err
     assert len(found_spheres(log)) == 2
     assert "is used, the largest: without --field-mm" in log

@@ -119,11 +119,11 @@ def test_a_mask_that_changed_is_refused(tmp_path: Path) -> None:
 
 def test_names_sizes_and_crops_of_masks(tmp_path: Path) -> None:
     """`buddha.mask.png` is one, and `mask.png` the one among several; it must have the photographs' size."""
-    for name in ("buddha.mask.png", "hair_mask.png", "unmasked.png"):
+    for name in ("buddha.mask.png", "hair.mask.png", "noh_mask.png"):
         Image.fromarray((255 * DISC).astype(np.uint8)).save(tmp_path / name)
-    with pytest.raises(InputError, match=r"has buddha.mask.png and hair_mask.png; give the right one by --mask"):
+    with pytest.raises(InputError, match=r"has buddha.mask.png and hair.mask.png; give the right one by --mask"):
         find_mask(tmp_path)
-    (tmp_path / "hair_mask.png").rename(tmp_path / "Mask.PNG")
+    (tmp_path / "hair.mask.png").rename(tmp_path / "Mask.PNG")
     assert find_mask(tmp_path) == tmp_path / "Mask.PNG"
     (tmp_path / "Mask.PNG").unlink()
     assert find_mask(tmp_path) == tmp_path / "buddha.mask.png"

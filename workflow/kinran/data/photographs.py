@@ -15,7 +15,7 @@ from kinran.data.picture_kind import is_raw, kind_of
 from kinran.data.radiance import SATURATED, Radiance
 from kinran.data.raw import raw_size
 
-MASK = re.compile(r"(.*[._-])?mask", re.IGNORECASE)
+MASK = re.compile(r"(.*[.])?mask", re.IGNORECASE)
 """Pattern of the stem of a mask's name: ``mask.png`` (DiLiGenT, LUCES), ``buddha.mask.tga``."""
 CLIPPED = 254 / 255
 """Encoded value from which a sample is saturated: the last code but one, since white in a JPEG may miss the last."""
