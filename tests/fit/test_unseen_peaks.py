@@ -25,7 +25,7 @@ def rings(lights: int, *thetas: float) -> np.ndarray:
 
 
 def dome(count: int = 2000) -> np.ndarray:
-    """Directions spread evenly over the dome, to 85° [Swinbank2006]."""
+    """Directions spread evenly over the dome, to 85° [Vogel1979]."""
     z = 1 - (np.arange(count) + 0.5) / count * (1 - np.cos(np.radians(85)))
     return frames.direction(np.arccos(z), np.arange(count) * np.pi * (3 - np.sqrt(5)))
 
