@@ -1,6 +1,6 @@
 """A set of photographs with known lights, checked before anything is written."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -78,12 +78,15 @@ class PhotographSet:
         Nominal exposure times of the brackets in seconds, longest first; 1 for single photographs.
     remarks
         Sentences on what was taken in a way that no file states.
+    frames
+        The photograph or the bracket of each light, by its name.
     """
 
     lights: list[LpLight]
     size: tuple[int, int] = (1, 1)
     exposures_s: tuple[float, ...] = (1.0,)
     remarks: tuple[str, ...] = ()
+    frames: dict[str, list[Path]] = field(default_factory=dict)
 
 
 def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
@@ -112,6 +115,7 @@ def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
     remarks = listed.remarks + _by_order(folder, listed, found)
     seconds = exposures(found)
     first, paths = found[lights[0].name][0], [path for frames in found.values() for path in frames]
+    check_orientation(paths)
     sizes = {path: photographs.size(path) for path in paths}
     for path, size in sizes.items():
         if size != sizes[first]:
@@ -129,7 +133,7 @@ def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
             check_whole(path)
     check_alike(settings, len(paths) == len(found))
     check_profile(first, known.encoding)
-    return PhotographSet(lights, sizes[first], seconds, tuple(remarks))
+    return PhotographSet(lights, sizes[first], seconds, tuple(remarks), found)
 
 
 def _by_order(folder: Path, listed: LightFile, found: dict[str, list[Path]]) -> list[str]:
@@ -141,6 +145,24 @@ def _by_order(folder: Path, listed: LightFile, found: dict[str, list[Path]]) -> 
         f"{listed.path}: names none of the {len(found)} photographs of {folder}; they go by their order, from"
         f" {path.name} for {light.name} on"
     ]
+
+
+def check_orientation(paths: list[Path]) -> None:
+    """Check that all photographs of a set are shown in one orientation: the lights are in the picture as it is shown.
+
+    Raises
+    ------
+    InputError
+        Two photographs differ.
+    """
+    first = photographs.orientation(paths[0])
+    for path in paths[1:]:
+        turned = photographs.orientation(path)
+        if turned != first:
+            raise InputError(
+                f"{path}: is shown in orientation {turned} of EXIF but {paths[0].name} in {first}; a camera that looks"
+                " down guesses it, so give all photographs the one in which their lights are stated"
+            )
 
 
 def check_alike(settings: dict[Path, ExposureSettings], single: bool) -> None:
