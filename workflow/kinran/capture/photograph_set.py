@@ -13,12 +13,10 @@ from kinran.data.colour_profile import is_srgb, name_of
 from kinran.data.hold_out_rule import held_out
 from kinran.data.light_files import LightFile, find_lights
 from kinran.data.lights import LpLight
-from kinran.data.nominal_time import ExposureSettings, exposure_of, nominal_seconds
+from kinran.data.nominal_time import check_alike, exposure_of, nominal_seconds
 from kinran.data.picture_file import check_whole, read_picture
 from kinran.data.picture_kind import is_raw, kind_of
 
-ALIKE = 0.02
-"""Largest relative difference of exposure settings that are alike: rounding in EXIF explains it."""
 UNIT = 0.02
 """Difference of a vector's length from 1 above which it may be a position: a direction that is rounded to two decimals
 differs by 0.009 at most."""
@@ -163,26 +161,6 @@ def check_orientation(paths: list[Path]) -> None:
                 f"{path}: is shown in orientation {turned} of EXIF but {paths[0].name} in {first}; a camera that looks"
                 " down guesses it, so give all photographs the one in which their lights are stated"
             )
-
-
-def check_alike(settings: dict[Path, ExposureSettings], single: bool) -> None:
-    """Check that all photographs of a set were exposed alike, as far as EXIF says; a bracket differs in time alone.
-
-    Raises
-    ------
-    InputError
-        Two photographs differ.
-    """
-    parts = {"iso": "ISO {:g}", "aperture": "f/{:g}", **({"seconds": "{:.4g} s"} if single else {})}
-    for part, form in parts.items():
-        stated = [(path, float(getattr(value, part))) for path, value in settings.items() if getattr(value, part)]
-        for path, value in stated[1:]:
-            first, other = stated[0]
-            if abs(value / other - 1) > ALIKE:
-                raise InputError(
-                    f"{path}: was taken with {form.format(value)} but {first.name} with {form.format(other)};"
-                    " all photographs of a set need one exposure"
-                )
 
 
 def check_profile(path: Path, encoded: str) -> None:
