@@ -95,7 +95,7 @@ def test_what_nothing_tells_is_said(tmp_path: Path) -> None:
     """A narrow cone of lights shows too little of the cosine: a line for files that say nothing, none for JPEG."""
     lights = dome(((8, 4), (20, 8)))
     light = photograph(lights, gloss=0)
-    says = "does not say how its values encode light, and the photographs"
+    says = "does not say how its values encode light, and the photographs do not tell for sure"
     assert says in said(make_set(tmp_path / "png", light, lights, True), Known())
     assert said(make_set(tmp_path / "jpg", light, lights, True, "jpg"), Known()) == ""
 

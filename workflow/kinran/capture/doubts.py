@@ -57,8 +57,8 @@ def _unknown(path: Path, evidence: encoding_evidence.Evidence | None, encoding: 
     )
     if not silent or (evidence and evidence.ratio >= LOUD):
         return ""
-    tell = f"cannot tell ({evidence})" if evidence else "have too few matt values to tell"
+    tell = f"{evidence}, and a shiny surface misleads" if evidence else "they have too few matt values to tell"
     return (
-        f"{path}: does not say how its values encode light, and the photographs {tell}; they are taken as sRGB: if they"
-        " are linear, give --encoding linear"
+        f"{path}: does not say how its values encode light, and the photographs do not tell for sure: {tell}; they are"
+        " taken as sRGB, so if they are linear, give --encoding linear"
     )

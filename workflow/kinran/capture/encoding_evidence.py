@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 CURVED = 2.2
 """Exponent that stands for photographs that are encoded for screens."""
 GLARE = math.cos(math.radians(25))
-"""Cosine of the angle between half vector and normal within which a value may be a highlight. Measured on the BRDFs of
-`docs/photographs.md`: with 20° their lobes speak, and with 40° too few lights are left."""
+"""Cosine of the angle between half vector and normal within which a value may be a highlight. A choice: at 40° some
+real domes have too few lights left."""
 GRAZING = 0.1
 """Least cosine at the normal of a light that counts."""
 DARK = 4 / 255
@@ -29,9 +29,13 @@ DARK = 4 / 255
 LIGHTS, TEXELS, MOST = 7, 20, 400
 """Fewest lights of a texel for three unknowns, fewest texels of a set, and how many are looked at. Choices."""
 LOUD = 0.5
-"""Logarithm of the ratio of residuals from which one encoding is taken to be right."""
+"""Logarithm of the ratio of residuals from which one encoding is taken to be right: `kinran bench doubts` measures how
+often that is wrong."""
 LAMBERTIAN = 0.025
 """Largest residual, relative to the values, of a surface that is matt enough to say that its values are linear."""
+RELIEF, MANY = 0.08, 24
+"""Least standard deviation of slopes, and fewest lights, that say so: a flat metal in sRGB of 8 bits, and any metal
+under few lights, fits Lambert's law as linear light. `kinran bench doubts` counts such cases."""
 
 
 @dataclass(frozen=True)
@@ -45,11 +49,17 @@ class Evidence:
         median over texels.
     ratio
         Median over texels of the logarithm of linear over curved.
+    relief
+        Standard deviation of the surface's slopes, if the values are linear.
+    lights
+        Number of lights that were looked at.
     """
 
     linear: float
     curved: float
     ratio: float
+    relief: float
+    lights: int
 
     def __str__(self) -> str:
         return f"they differ from Lambert's law by {self.linear:.1%} as linear light, and by {self.curved:.1%} as sRGB"
@@ -80,12 +90,15 @@ def weigh(found: SampledSet) -> Evidence | None:
     codes, use = _enough(codes, matt)
     if len(codes) < TEXELS:
         return None
-    residuals = []
-    for exponent in (1.0, CURVED):
-        _, predicted = fit_codes(codes, use, lights, exponent)
-        residuals.append((use * np.abs(codes - predicted)).sum(1) / (use * codes).sum(1) + 1e-6)
-    linear, curved = residuals
-    return Evidence(*(float(np.median(part)) for part in (linear, curved, np.log(linear / curved))))
+    scaled, as_linear = fit_codes(codes, use, lights, 1.0)
+    _, as_curved = fit_codes(codes, use, lights, CURVED)
+    linear, curved = (
+        (use * np.abs(codes - predicted)).sum(1) / (use * codes).sum(1) + 1e-6 for predicted in (as_linear, as_curved)
+    )
+    slopes = scaled[:, :2] / np.maximum(scaled[:, 2:], 1e-12)
+    relief = 1.4826 * np.median(np.abs(slopes - np.median(slopes, 0)), 0).max()
+    off, off_curved, ratio = (float(np.median(part)) for part in (linear, curved, np.log(linear / curved)))
+    return Evidence(off, off_curved, ratio, float(relief), count)
 
 
 def _enough(codes: Array, use: Array) -> tuple[Array, Array]:
@@ -104,6 +117,8 @@ def doubt(evidence: Evidence | None, encoding: Encoding) -> str:
         said, remedy = "encoded for screens, not linear", "if they are, leave --encoding out"
     else:
         if evidence.ratio > -LOUD or evidence.linear > LAMBERTIAN:
+            return ""
+        if evidence.relief < RELIEF or evidence.lights < MANY:
             return ""
         said, remedy = f"linear, not {encoding.name}", "if they are, give --encoding linear"
     return f"the photographs look {said}: {evidence}; {remedy}"
