@@ -10,6 +10,7 @@ from raw_frames import write
 
 from kinran.base.encoding import parse
 from kinran.base.files import InputError
+from kinran.bracket.shots import Frame, Taken, read_bracket
 from kinran.capture.photograph_set import check_orientation
 from kinran.data.orientation import upright
 from kinran.data.photographs import Crop, orientation, read, size
@@ -76,3 +77,14 @@ def test_a_set_of_mixed_orientations_is_refused(tmp_path: Path) -> None:
     check_orientation(paths[:2])
     with pytest.raises(InputError, match=r"2\.png: is shown in orientation 1 of EXIF but 0\.png in 3; .*lights"):
         check_orientation(paths)
+
+
+@pytest.mark.parametrize("code", [1, 2, 6])
+def test_raw_frames_of_a_set_are_turned_and_then_cut_and_those_of_the_rig_are_not(tmp_path: Path, code: int) -> None:
+    counts = np.kron(STORED[..., 0].astype(np.uint16) * 10 + 300, np.ones((2, 2), np.uint16))
+    path = write(tmp_path / "a.dng", counts, 100, orientation=code)
+    shot = Taken("a", "light", 0, None, None, (Frame(path, 0.01),))
+    of_set = read_bracket(shot, LINEAR, Crop(3, 5, 7, 6)).planes[0, 0]
+    np.testing.assert_array_equal((of_set[::-1] - 300) // 10, SHOWN[code][5:11, 3:10, 0])
+    of_rig = read_bracket(shot).planes[0, 0]
+    np.testing.assert_array_equal((of_rig[::-1] - 300) // 10, STORED[..., 0])

@@ -26,7 +26,10 @@ differs by 0.009 at most."""
 class Known:
     """Encoding, crop, distances and file of lights that a user states for a set of photographs."""
 
-    encoding: Annotated[str, "srgb (default), linear or gamma:EXPONENT"] = "srgb"
+    encoding: Annotated[
+        str,
+        "srgb (default), linear or gamma:EXPONENT; believed, and doubted in the log of ingest where values contradict",
+    ] = "srgb"
     crop: Annotated[str, "--crop X,Y,W,H", "part to use, from the top left"] = ""
     lamp_mm: Annotated[
         float | None,
@@ -42,7 +45,8 @@ class Known:
     lp: Annotated[
         Path | None,
         "--lp FILE",
-        "lights, where no .lp lies beside the photographs; +x is right, +y up, +z to the camera",
+        "lights, where no .lp lies beside the photographs; +x is right, +y up, +z to the camera: one axis turned is"
+        " seen by the relief, two (hollow in place of raised), a quarter turn and flat fabrics are not",
     ] = None
 
     @property
