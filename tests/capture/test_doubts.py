@@ -6,12 +6,14 @@ from pathlib import Path
 import imagecodecs
 import numpy as np
 import pytest
+from PIL import Image
 from raw_frames import write
 
-from kinran.base.encoding import to_srgb
-from kinran.capture import ingest
+from kinran.base.encoding import parse, to_srgb
+from kinran.base.files import InputError
+from kinran.capture import axes_evidence, encoding_evidence, ingest
 from kinran.capture.doubts import doubts
-from kinran.capture.encoding_evidence import LOUD, weigh
+from kinran.capture.encoding_evidence import LOUD, Evidence, weigh
 from kinran.capture.photograph_set import Known, inspect
 from kinran.capture.sampled_set import sample
 
@@ -136,8 +138,39 @@ def test_mirrored_lights_of_raw_files(tmp_path: Path) -> None:
         folder.mkdir()
         rows = [str(len(lights))]
         for k, (plane, (x, y, z)) in enumerate(zip(photograph(lights), lights, strict=True)):
-            counts = np.kron(256 + plane * 3400, np.ones((2, 2))).astype(np.uint16)
-            write(folder / f"{k:02d}.dng", counts, 100)
+            counts = np.kron(256 + plane[::-1] * 3400, np.ones((2, 2))).astype(np.uint16)
+            write(folder / f"{k:02d}.dng", counts, 100, orientation=4)  # shown with its rows backwards
             rows.append(f"{k:02d}.dng {x:.6f} {flip * y:.6f} {z:.6f}")
         (folder / "dome.lp").write_text("\n".join(rows) + "\n")
         assert ("look mirrored" in said(folder, Known())) == (flip < 0)
+
+
+@pytest.mark.parametrize(
+    ("evidence", "doubted"),
+    [
+        (Evidence(0.02, 0.06, -1.1, 0.2, 48), True),
+        (Evidence(0.02, 0.06, -1.1, 0.02, 48), False),  # flat
+        (Evidence(0.02, 0.06, -1.1, 0.2, 16), False),  # few lights
+        (Evidence(0.04, 0.12, -1.1, 0.2, 48), False),  # shiny
+    ],
+)
+def test_linear_light_is_named_only_of_what_no_metal_imitates(evidence: Evidence, doubted: bool) -> None:
+    assert bool(encoding_evidence.doubt(evidence, parse("srgb"))) == doubted
+
+
+@pytest.mark.parametrize(
+    ("correlation", "error", "doubted"), [(-0.5, 0.05, True), (-0.5, 0.2, False), (-0.05, 0.001, False)]
+)
+def test_mirrored_lights_are_named_only_of_a_sure_correlation(correlation: float, error: float, doubted: bool) -> None:
+    assert bool(axes_evidence.doubt(correlation, error)) == doubted
+
+
+def test_a_set_of_mixed_orientations_is_refused(tmp_path: Path) -> None:
+    lights = dome()
+    folder = make_set(tmp_path / "set", photograph(lights), lights, True)
+    exif = Image.Exif()
+    exif[274] = 3
+    with Image.open(folder / "05.png") as image:
+        image.copy().save(folder / "05.png", exif=exif)
+    with pytest.raises(InputError, match=r"05\.png: is shown in orientation 3 of EXIF but 00\.png in 1"):
+        inspect(folder, Known(), 0)
