@@ -4,6 +4,9 @@ rule calibrate:
         # one group alone, so that a direction shot again does not merge all groups again
         manifest=calibration_manifest,
         chart=lambda wildcards: given(fabrics[wildcards.fabric].chart.file),
+        flat=lambda wildcards: [
+            local(path) for path in fabrics[wildcards.fabric].card.files
+        ],
     output:
         "results/{fabric}/calibration.json",
     log:
@@ -15,10 +18,11 @@ rule calibrate:
         runtime=runtime_of("calibrate"),
     params:
         chart=lambda wildcards: fabrics[wildcards.fabric].chart.options,
+        flat=lambda wildcards: fabrics[wildcards.fabric].card.options,
         code=digest("kinran.calibrate.calibrate"),
     shell:
         "python -m kinran calibrate {output:q} --plan {input.plan:q} --manifests {input.manifest:q}"
-        " {params.chart} 2>&1 | tee {log}"
+        " {params.chart} {params.flat} 2>&1 | tee {log}"
 
 
 rule merge:

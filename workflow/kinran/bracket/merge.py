@@ -25,6 +25,7 @@ from kinran.bracket.superpixels import merge_sites
 from kinran.bracket.uncalibrated import RECOVERED, decoder_of, describe
 from kinran.data.calibration import CalibratedCamera
 from kinran.data.nominal_time import nominal_seconds
+from kinran.data.orientation import upright
 from kinran.data.picture_kind import READ, is_raw, kind_of
 from kinran.data.radiance import DARK, SATURATED, Image, Radiance
 
@@ -152,7 +153,7 @@ def write(path: Path, merged: Radiance, bracket: Bracket, camera: CalibratedCame
     unit = FULL if encoding else 1
     if merged.sigma is None:
         raise ValueError("the radiance has no σ")
-    value, sigma, flags = (np.rot90(p[::-1], bracket.turns) for p in (merged.value, merged.sigma, merged.flags))
+    value, sigma, flags = (upright(p[::-1], bracket.orientation) for p in (merged.value, merged.sigma, merged.flags))
     channels = {name: np.asarray(value[..., k] / unit, np.float32) for k, name in enumerate("RGB")}
     channels |= {f"sigma.{name}": np.asarray(sigma[..., k] / unit, np.float32) for k, name in enumerate("RGB")}
     channels["flags"] = np.bitwise_or.reduce(flags, axis=-1).astype(np.float32)

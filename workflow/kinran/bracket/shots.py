@@ -12,6 +12,7 @@ from kinran.base.files import InputError, read_json, sha256
 from kinran.bracket.response_curve import Curve
 from kinran.data.calibration import Calibration
 from kinran.data.capture_plan import Plan
+from kinran.data.orientation import UPRIGHT
 from kinran.data.photographs import CLIPPED, Crop, parse_crop
 from kinran.data.photographs import read as read_photograph
 from kinran.data.picture_kind import is_raw, kind_of
@@ -82,8 +83,8 @@ class Bracket:
         Nominal shutter times in seconds.
     white
         Saturation level in counts that the file states.
-    turns
-        Quarter turns, counterclockwise, that bring the picture upright.
+    orientation
+        How the picture is shown, as in EXIF; RAW frames of a set are turned upright already.
     frames
         Frames in the order of the planes.
     """
@@ -94,7 +95,7 @@ class Bracket:
     mask: NDArray[np.float64] | None
     nominal_s: NDArray[np.float64]
     white: float
-    turns: int = 0
+    orientation: int = UPRIGHT
     frames: tuple[Frame, ...] = field(default=())
 
     @property
@@ -170,6 +171,9 @@ def check_digest(frame: Frame) -> Path:
 def read_bracket(shot: Taken, decoder: Encoding | Curve | None = None, crop: Crop | None = None) -> Bracket:
     """Read the frames of a shot: RAW, or photographs that `decoder` makes linear.
 
+    With a decoder, they are of a set of photographs: RAW frames are turned upright and cut, too. Those of the rig,
+    and of a bracket alone, stay as the sensor lies.
+
     Raises
     ------
     InputError
@@ -188,7 +192,9 @@ def read_bracket(shot: Taken, decoder: Encoding | Curve | None = None, crop: Cro
     frames: list[RawFrame] = []
     planes = np.empty((0,), np.uint16)
     for k, frame in enumerate(ordered):
-        raw = _cut(read_raw(check_digest(frame)), crop, frame.path)
+        raw = read_raw(check_digest(frame))
+        if decoder is not None:  # of a set, whose lights are in the picture as it is shown
+            raw = _cut(raw.upright(), crop, frame.path)
         if raw.seconds and abs(raw.seconds / frame.nominal_s - 1) > MISLABELLED:
             raise InputError(
                 f"{frame.path}: EXIF says {raw.seconds:g} s, not {frame.nominal_s:g} s; correct it or shoot again"
@@ -205,7 +211,7 @@ def read_bracket(shot: Taken, decoder: Encoding | Curve | None = None, crop: Cro
         _under_mask([frame.mask for frame in frames]),
         np.array([frame.nominal_s for frame in ordered]),
         frames[0].white,
-        frames[0].turns,
+        frames[0].orientation,
         tuple(ordered),
     )
 

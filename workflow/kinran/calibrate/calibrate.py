@@ -36,6 +36,7 @@ from kinran.calibrate.raw_camera import (
     measure_saturation,
     photon_transfer,
 )
+from kinran.calibrate.white_card import measure_card
 from kinran.calibrate.white_plate import fit_flat
 from kinran.data.calibration import CalibratedCamera, Calibration, Response, write_calibration
 from kinran.data.capture_plan import Plan, read_plan
@@ -65,6 +66,11 @@ class Inputs:
         "--chart FILE",
         "photograph of a colour chart, taken as the set is and under the same light; for photographs alone",
     ] = None
+    flat: Annotated[
+        Path | None,
+        "--flat FOLDER",
+        "photographs of a white card under the same lights, which even out the lamps; for photographs alone",
+    ] = None
 
 
 @dataclass(frozen=True)
@@ -88,6 +94,8 @@ def main(
     if not plan.on_rig:
         alone = len(plan.exposures_s) == 1 and not (shots and shots[0].frames and is_raw(shots[0].frames[0].path))
         calibration = calibrate_photographs(plan, shots) if alone else calibrate_brackets(plan, shots)
+        if inputs.flat:
+            calibration = replace(calibration, lamps=measure_card(plan, calibration, inputs.flat))
         if inputs.chart:
             calibration = calibrate_colours(calibration, inputs.chart, options.chart_corners, options.lamp)
     else:

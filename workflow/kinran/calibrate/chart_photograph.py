@@ -57,7 +57,7 @@ def calibrate_colours(calibration: Calibration, path: Path, corners: str, lamp: 
 def _read(path: Path, calibration: Calibration) -> Radiance:
     """Read light (y, x, 3) in the stack's RGB, on any scale; row 0 is the bottom."""
     if is_raw(path):
-        raw = read_raw(path)
+        raw = read_raw(path).upright()
         sites = raw.planes.astype(np.float32) - raw.black[:, None, None].astype(np.float32)
         light = np.stack([sites[0], (sites[1] + sites[2]) / 2, sites[3]], -1)
         full = calibration.camera.response.clip if calibration.camera else raw.white - float(raw.black.mean())

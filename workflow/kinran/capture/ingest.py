@@ -8,6 +8,7 @@ from typing import Annotated
 
 from kinran.base.distances import crop_centre, seen_from, unit
 from kinran.base.files import check_name, sha256
+from kinran.capture.doubts import doubts
 from kinran.capture.photograph_set import Known, PhotographSet, inspect, remark_on_lengths
 from kinran.data.capture_plan import LIST_GROUP, Group, Plan, PlanLight, Shot, list_group_names, write_plan
 from kinran.data.light import LpLight
@@ -31,9 +32,10 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "plan of the capture (.json
     """Write the plan of a set."""
     found = inspect(inputs.folder, options, options.holdout)
     said = remark_on_lengths(found.lights, options.lamp_mm)
-    for remark in (*found.remarks, *([said] if said else [])):
+    planned = plan(options.fabric, found, options)
+    for remark in (*found.remarks, *([said] if said else []), *doubts(found, planned)):
         log.warning(remark)
-    write_plan(out, plan(options.fabric, found, options))
+    write_plan(out, planned)
 
 
 def plan(fabric: str, photographs: PhotographSet, known: Known) -> Plan:

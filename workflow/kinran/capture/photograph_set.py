@@ -1,6 +1,6 @@
 """A set of photographs with known lights, checked before anything is written."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -15,12 +15,10 @@ from kinran.data.light import LpLight
 from kinran.data.light_files import find_lights
 from kinran.data.light_list import LightFile
 from kinran.data.mask import find_mask, read_mask
-from kinran.data.nominal_time import ExposureSettings, exposure_of, nominal_seconds
+from kinran.data.nominal_time import check_alike, exposure_of, nominal_seconds
 from kinran.data.picture_file import check_whole, read_picture
 from kinran.data.picture_kind import is_raw, kind_of
 
-ALIKE = 0.02
-"""Largest relative difference of exposure settings that are alike: rounding in EXIF explains it."""
 UNIT = 0.02
 """Difference of a vector's length from 1 above which it may be a position: a direction that is rounded to two decimals
 differs by 0.009 at most."""
@@ -30,7 +28,10 @@ differs by 0.009 at most."""
 class Known:
     """Encoding, crop, distances and file of lights that a user states for a set of photographs."""
 
-    encoding: Annotated[str, "srgb (default), linear or gamma:EXPONENT"] = "srgb"
+    encoding: Annotated[
+        str,
+        "srgb (default), linear or gamma:EXPONENT; believed, and doubted in the log of ingest where values contradict",
+    ] = "srgb"
     crop: Annotated[str, "--crop X,Y,W,H", "part to use, from the top left"] = ""
     lamp_mm: Annotated[
         float | None,
@@ -46,7 +47,8 @@ class Known:
     lp: Annotated[
         Path | None,
         "--lp FILE",
-        "lights, where no .lp lies beside the photographs; +x is right, +y up, +z to the camera",
+        "lights, where no .lp lies beside the photographs; +x is right, +y up, +z to the camera: one axis turned is"
+        " seen by the relief, two (hollow in place of raised), a quarter turn and flat fabrics are not",
     ] = None
 
     mask: Annotated[
@@ -88,6 +90,8 @@ class PhotographSet:
         Sentences on what was taken in a way that no file states.
     mask
         Picture that is white where the fabric is; None without one.
+    frames
+        The photograph or the bracket of each light, by its name.
     """
 
     lights: list[LpLight]
@@ -95,6 +99,7 @@ class PhotographSet:
     exposures_s: tuple[float, ...] = (1.0,)
     remarks: tuple[str, ...] = ()
     mask: Path | None = None
+    frames: dict[str, list[Path]] = field(default_factory=dict)
 
 
 def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
@@ -123,6 +128,7 @@ def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
     remarks = listed.remarks + _by_order(folder, listed, found)
     seconds = exposures(found)
     first, paths = found[lights[0].name][0], [path for frames in found.values() for path in frames]
+    check_orientation(paths)
     sizes = {path: photographs.size(path) for path in paths}
     for path, size in sizes.items():
         if size != sizes[first]:
@@ -144,7 +150,7 @@ def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:
     if mask:
         inside = read_mask(mask, sizes[first], crop)
         remarks.append(f"{mask}: is taken as the mask; {1 - inside.mean():.1%} of the texels are outside and left out")
-    return PhotographSet(lights, sizes[first], seconds, tuple(remarks), mask)
+    return PhotographSet(lights, sizes[first], seconds, tuple(remarks), mask, found)
 
 
 def _by_order(folder: Path, listed: LightFile, found: dict[str, list[Path]]) -> list[str]:
@@ -158,24 +164,22 @@ def _by_order(folder: Path, listed: LightFile, found: dict[str, list[Path]]) -> 
     ]
 
 
-def check_alike(settings: dict[Path, ExposureSettings], single: bool) -> None:
-    """Check that all photographs of a set were exposed alike, as far as EXIF says; a bracket differs in time alone.
+def check_orientation(paths: list[Path]) -> None:
+    """Check that all photographs of a set are shown in one orientation: the lights are in the picture as it is shown.
 
     Raises
     ------
     InputError
         Two photographs differ.
     """
-    parts = {"iso": "ISO {:g}", "aperture": "f/{:g}", **({"seconds": "{:.4g} s"} if single else {})}
-    for part, form in parts.items():
-        stated = [(path, float(getattr(value, part))) for path, value in settings.items() if getattr(value, part)]
-        for path, value in stated[1:]:
-            first, other = stated[0]
-            if abs(value / other - 1) > ALIKE:
-                raise InputError(
-                    f"{path}: was taken with {form.format(value)} but {first.name} with {form.format(other)};"
-                    " all photographs of a set need one exposure"
-                )
+    first = photographs.orientation(paths[0])
+    for path in paths[1:]:
+        turned = photographs.orientation(path)
+        if turned != first:
+            raise InputError(
+                f"{path}: is shown in orientation {turned} of EXIF but {paths[0].name} in {first}; a camera that looks"
+                " down guesses it, so give all photographs the one in which their lights are stated"
+            )
 
 
 def check_profile(path: Path, encoded: str) -> None:

@@ -1,5 +1,6 @@
 """The calibration of a capture: its camera, its lamp and its colours (`calibration.json`)."""
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -186,6 +187,9 @@ class Calibration:
         Lamp that the chart's reference colours are for; empty for the published ones.
     generation
         Generation of the chart whose published colours its patches come nearest to; empty without a chart.
+    lamps : (light,)
+        Light of each lamp of a set over the picture, relative to the mean of the lamps in the middle; empty where no
+        card was photographed.
     """
 
     fabric: str
@@ -204,6 +208,7 @@ class Calibration:
     chart: tuple[Patch, ...] = ()
     lamp: str = ""
     generation: str = ""
+    lamps: tuple[Flat, ...] = ()
 
     @property
     def matrix(self) -> NDArray[np.float64]:
@@ -253,19 +258,21 @@ def read_calibration(path: Path) -> Calibration:
                 Exposure(**{**exposure, "curtain": tuple(exposure["curtain"])}) for exposure in camera["exposures"]
             )
             camera["bad"] = tuple((int(k), int(y), int(x)) for k, y, x in camera["bad"])
-            camera["flats"] = tuple(
-                Flat(flat["theta"], flat["phi"], tuple(tuple(part) for part in flat["coefficients"]))
-                for flat in camera["flats"]
-            )
+            camera["flats"] = _flats(camera["flats"])
             camera = CalibratedCamera(**{**camera, "black": tuple(camera["black"]), "white": tuple(camera["white"])})
         matrix = tuple((float(a), float(b), float(c)) for a, b, c in value.pop("to_acescg"))
         root = value.pop("root_polynomial")
         value["root_polynomial"] = root and tuple(tuple(float(term) for term in row) for row in root)
         value |= {name: tuple(value[name]) for name in ("delta_e", "patches", "curve")}
         value["chart"] = tuple(_patch(patch) for patch in value.get("chart", ()))
+        value["lamps"] = _flats(value.get("lamps", ()))
         return Calibration(**{**value, "camera": camera, "to_acescg": matrix})
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"{path}: is not a calibration ({error}); calibrate again") from None
+
+
+def _flats(values: Iterable[dict[str, Any]]) -> tuple[Flat, ...]:
+    return tuple(Flat(v["theta"], v["phi"], tuple(tuple(part) for part in v["coefficients"])) for v in values)
 
 
 def _patch(value: dict[str, Any]) -> Patch:

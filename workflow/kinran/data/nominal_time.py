@@ -7,11 +7,14 @@ from typing import Any
 
 from PIL import Image as Pillow
 
+from kinran.base.files import InputError
 from kinran.data.picture_kind import is_raw
 from kinran.data.raw import raw_exposure
 
 EXIF, TIME, ISO, APERTURE = 0x8769, 0x829A, 0x8827, 0x829D
 """Tags of EXIF: the directory of the exposure, and ExposureTime, PhotographicSensitivity and FNumber in it."""
+ALIKE = 0.02
+"""Largest relative difference of exposure settings that are alike: rounding in EXIF explains it."""
 IN_NAME = re.compile(r"_(?:(1)-(\d+)|(\d+(?:\.\d+)?)(m?))s(?=_|$)")
 """Pattern of a time in a name: ``_1-250s``, ``_0.004s`` or ``_4ms``, at its end or before another ``_``."""
 
@@ -76,3 +79,23 @@ def time_in_name(stem: str) -> float:
         return 0.0
     one, whole, number, milli = found.groups()
     return 1 / float(whole) if one else float(number) * (1e-3 if milli else 1.0)
+
+
+def check_alike(settings: dict[Path, ExposureSettings], single: bool) -> None:
+    """Check that all photographs of a set were exposed alike, as far as EXIF says; a bracket differs in time alone.
+
+    Raises
+    ------
+    InputError
+        Two photographs differ.
+    """
+    parts = {"iso": "ISO {:g}", "aperture": "f/{:g}", **({"seconds": "{:.4g} s"} if single else {})}
+    for part, form in parts.items():
+        stated = [(path, float(getattr(value, part))) for path, value in settings.items() if getattr(value, part)]
+        for path, value in stated[1:]:
+            first, other = stated[0]
+            if abs(value / other - 1) > ALIKE:
+                raise InputError(
+                    f"{path}: was taken with {form.format(value)} but {first.name} with {form.format(other)};"
+                    " all photographs of a set need one exposure"
+                )

@@ -9,11 +9,12 @@ import numpy as np
 from kinran.base.encoding import Encoding, to_srgb
 from kinran.base.files import InputError
 from kinran.data.colour_profile import is_srgb, to_linear
+from kinran.data.file_statements import statements
 from kinran.data.light import LpLight
 from kinran.data.picture_file import read_picture, size_of
 from kinran.data.picture_kind import is_raw, kind_of
 from kinran.data.radiance import SATURATED, Radiance
-from kinran.data.raw import raw_size
+from kinran.data.raw import raw_orientation, raw_size
 
 MASK = re.compile(r"(.*[.])?mask", re.IGNORECASE)
 """Pattern of the stem of a mask's name: ``mask.png`` (DiLiGenT, LUCES), ``buddha.mask.tga``."""
@@ -174,11 +175,22 @@ def size(path: Path) -> tuple[int, int]:
     return raw_size(path) if is_raw(path) else size_of(path)
 
 
+def orientation(path: Path) -> int:
+    """Return how a photograph is shown, as in EXIF, from its header.
+
+    Raises
+    ------
+    InputError
+        A RAW file cannot be read.
+    """
+    return raw_orientation(path) if is_raw(path) else statements(path).orientation
+
+
 def read(path: Path, encoding: Encoding, crop: Crop | None = None) -> Radiance:
     """Read a photograph as linear light (y, x, 3), row 0 at the bottom, in units of the encoding's white.
 
-    Values in floating point (EXR, TIFF) are taken as they are, without flags. Where a photograph embeds an ICC profile
-    other than sRGB, its codes become those of sRGB first.
+    The crop is in the photograph as it is shown. Values in floating point (EXR, TIFF) are taken as they are, without
+    flags. Where a photograph embeds or names a profile other than sRGB, its codes become those of sRGB first.
 
     Raises
     ------

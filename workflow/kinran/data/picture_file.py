@@ -15,6 +15,8 @@ from PIL import ImageCms
 
 from kinran.base.exr import read_exr
 from kinran.base.files import InputError
+from kinran.data.file_statements import statements
+from kinran.data.orientation import shown_size, upright
 from kinran.data.picture_kind import READ, kind_of
 
 Pillow.MAX_IMAGE_PIXELS = None  # sizes are checked against the header before memory is taken
@@ -33,11 +35,11 @@ class Picture:
     Attributes
     ----------
     values : (y, x, 3)
-        R, G, B, the top row first, as the file's samples are.
+        R, G, B as the file's samples are, the top row first as the picture is shown.
     ceiling
         Value of white; 0 for floating point, which has none.
     profile
-        The ICC profile of R, G, B that the file embeds; empty without one.
+        The ICC profile of R, G, B that the file embeds or names; empty without one.
     """
 
     values: NDArray[np.generic]
@@ -46,7 +48,7 @@ class Picture:
 
 
 def size_of(path: Path) -> tuple[int, int]:
-    """Return width and height of a picture that is no RAW file, from its header.
+    """Return width and height of a picture that is no RAW file as it is shown, from its header.
 
     Raises
     ------
@@ -54,6 +56,7 @@ def size_of(path: Path) -> tuple[int, int]:
         The file cannot be read as a picture.
     """
     kind = _known(path)
+    orientation = statements(path).orientation
     try:
         if kind == "EXR":
             plane = next(iter(read_exr(path).values()))
@@ -61,9 +64,9 @@ def size_of(path: Path) -> tuple[int, int]:
         if kind == "TIFF":
             with tifffile.TiffFile(path) as file:
                 page = _main_page(file)
-                return int(page.imagewidth), int(page.imagelength)
+                return shown_size(int(page.imagewidth), int(page.imagelength), orientation)
         with Pillow.open(path) as image:
-            return image.size
+            return shown_size(*image.size, orientation)
     except InputError:
         raise
     except Exception as error:  # decoders raise errors of any kind on a broken file
@@ -71,7 +74,7 @@ def size_of(path: Path) -> tuple[int, int]:
 
 
 def read_picture(path: Path) -> Picture:
-    """Read a picture that is no RAW file.
+    """Read a picture that is no RAW file, as it is shown, with the profile that it embeds or names.
 
     Raises
     ------
@@ -80,6 +83,13 @@ def read_picture(path: Path) -> Picture:
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file")
+    said, stored = statements(path), _read_stored(path)
+    values = upright(stored.values, said.orientation)
+    return Picture(values, stored.ceiling, stored.profile or (said.profile if stored.ceiling else b""))
+
+
+def _read_stored(path: Path) -> Picture:
+    """Read a picture as its file stores it; errors as in `read_picture`."""
     kind = _known(path)
     try:
         with warnings.catch_warnings():

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,11 @@ import tifffile
 from numpy.typing import NDArray
 
 from kinran.base.files import InputError
+from kinran.data.orientation import OF_LIBRAW, UPRIGHT, shown_size, upright
 
 DNG_VERSION = 50706
 BLACK_TAGS = BLACK_REPEAT, BLACK_LEVEL, BLACK_DELTA_H, BLACK_DELTA_V, ACTIVE_AREA = 50713, 50714, 50715, 50716, 50829
 """Tags of DNG (1.7, ch. 4)."""
-TURNS = {3: 2, 5: 1, 6: 3}
-"""Quarter turns, counterclockwise, of LibRaw's codes for a camera that was held on its side."""
 REC709_TO_XYZ = np.array(
     [[0.412453, 0.357580, 0.180423], [0.212671, 0.715160, 0.072169], [0.019334, 0.119193, 0.950227]]
 )
@@ -43,8 +42,8 @@ class RawFrame:
         Nominal shutter time of EXIF in seconds; 0 if it is missing.
     iso, aperture
         ISO and aperture (f-number) of EXIF; 0 if they are missing.
-    turns
-        Quarter turns, counterclockwise, that bring the picture upright. The planes lie as the sensor does.
+    orientation
+        How the picture is shown, as in EXIF. The planes lie as the sensor does, unless they are turned `upright`.
     """
 
     planes: NDArray[np.uint16]
@@ -54,11 +53,17 @@ class RawFrame:
     seconds: float
     iso: float = 0.0
     aperture: float = 0.0
-    turns: int = 0
+    orientation: int = UPRIGHT
+
+    def upright(self) -> "RawFrame":
+        """Return the frame with planes that lie as the picture is shown."""
+        top_first = self.planes[:, ::-1].transpose(1, 2, 0)
+        shown = upright(top_first, self.orientation)[::-1].transpose(2, 0, 1)
+        return replace(self, planes=np.ascontiguousarray(shown), orientation=UPRIGHT)
 
 
 def raw_size(path: Path) -> tuple[int, int]:
-    """Return width and height of the planes of a RAW file, from its header.
+    """Return width and height of the planes of a RAW file as it is shown, from its header.
 
     Raises
     ------
@@ -67,7 +72,19 @@ def raw_size(path: Path) -> tuple[int, int]:
     """
     with _opened(path, header=True) as raw:
         _, _, height, width = _window(raw.sizes)
-        return width // 2, height // 2
+        return shown_size(width // 2, height // 2, OF_LIBRAW[raw.sizes.flip & 7])
+
+
+def raw_orientation(path: Path) -> int:
+    """Return how a RAW file is shown, as in EXIF, from its header.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
+    """
+    with _opened(path, header=True) as raw:
+        return OF_LIBRAW[raw.sizes.flip & 7]
 
 
 def raw_exposure(path: Path) -> tuple[float, float, float]:
@@ -133,7 +150,7 @@ def read_raw(path: Path) -> RawFrame:
             raw.other.shutter_speed,
             raw.other.iso_speed,
             raw.other.aperture,
-            TURNS.get(sizes.flip, 0),
+            OF_LIBRAW[sizes.flip & 7],
         )
 
 

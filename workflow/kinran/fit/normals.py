@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from kinran.base.exr import write_exr
 from kinran.data.fabric import Fabric
+from kinran.data.lambert_law import solve
 from kinran.fit.samples import Samples, read_samples
 
 Array = NDArray[np.float64]
@@ -58,20 +59,12 @@ def _of_cell(T: NDArray[np.float32], W: NDArray[np.float32], lights: Array) -> A
     """Normals of texels under lights (light, 3)."""
     y = T.mean(1).astype(float)
     use = (W > 0).astype(float)
-    scaled = _solve(use, y, lights)
+    scaled = solve(use, y, lights)
     for _ in range(ROUNDS):
         predicted = scaled @ lights.T
         floor = LEAST * np.linalg.norm(scaled, axis=1, keepdims=True) + 1e-12
         weight = use * (predicted > 0) / np.maximum(np.abs(y - predicted), floor)
-        scaled = _solve(weight * floor, y, lights)
+        scaled = solve(weight * floor, y, lights)
     length = np.linalg.norm(scaled, axis=1, keepdims=True)
     found = (length > 1e-9) & np.isfinite(length)
     return np.where(found, scaled / np.where(found, length, 1), [0.0, 0.0, 1.0])
-
-
-def _solve(weight: Array, y: Array, lights: Array) -> Array:
-    """Solve weighted least squares of y (texel, light) over directions (light, 3); (texel, 3)."""
-    products = (lights[:, :, None] * lights[:, None]).reshape(len(lights), 9)
-    normal = (weight @ products).reshape(-1, 3, 3)
-    normal += (1e-9 * np.trace(normal, axis1=1, axis2=2) + 1e-30)[:, None, None] * np.eye(3)
-    return np.asarray(np.linalg.solve(normal, ((weight * y) @ lights)[..., None])[..., 0])

@@ -22,6 +22,7 @@ from kinran.calibrate.lamp import lamp_gains, level
 from kinran.calibrate.radiometry import to_radiance
 from kinran.data.calibration import Calibration, read_calibration
 from kinran.data.capture_plan import Plan, PlanLight, read_plan
+from kinran.data.flat_field import divide
 from kinran.data.mask import read_mask
 from kinran.data.photographs import parse_crop, size
 from kinran.data.radiance import OUTSIDE, SATURATED, Radiance
@@ -155,7 +156,9 @@ def merge_lights(
         with ShardWriter(stack, calibration.height, calibration.width) as writer:
             for light in (light for light in lights if light.index // SHARD == shard):
                 picture = merge_shot(by_light[light.index], calibration, gains, light.theta, light.phi)
-                if light.index in evened:
+                if calibration.lamps:  # measured on a card: intensities that are stated as well are part of it
+                    picture = divide(picture, calibration.lamps[light.index].values(*picture.flags.shape[:2]))
+                elif light.index in evened:
                     picture = picture.with_value(picture.value / evened[light.index])
                 if inside is not None:
                     picture = picture.only(inside)

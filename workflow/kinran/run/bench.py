@@ -9,8 +9,8 @@ from kinran.base.files import InputError
 from kinran.base.project import ROOT
 
 NAMES = (
-    "adaptive", "camera", "chart", "choice", "fabrics", "fit", "flips", "merge", "mixed", "plan", "real", "rig-kills",
-    "run-kills", "stability",
+    "adaptive", "camera", "chart", "choice", "doubts", "fabrics", "fit", "flips", "merge", "mixed", "plan", "real",
+    "rig-kills", "run-kills", "stability",
 )  # fmt: skip
 
 

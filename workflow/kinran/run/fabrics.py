@@ -22,36 +22,14 @@ from kinran.capture.assembly import CALIBRATION
 from kinran.data.capture_plan import list_group_names, read_plan
 from kinran.data.light_files import find_lights
 from kinran.run.config import check, own_settings, read_schema, rig_directions, sheet_of
+from kinran.run.reference_shots import CardShots, ChartShot
 
-OF_PHOTOGRAPHS = ("lamp_mm", "field_mm", "camera_mm", "chart", "chart_corners", "lamp", "mask")
+OF_PHOTOGRAPHS = ("lamp_mm", "field_mm", "camera_mm", "chart", "chart_corners", "lamp", "mask", "flat")
 """Columns of the sheet of fabrics that it need not have."""
 GENERATED = "generated"
 """The scan that stands for a simulated one."""
 MESHES = "_meshes"
 """Folder, among the results, of the meshes that fabrics share; no fabric can have its name."""
-
-
-@dataclass(frozen=True)
-class ChartShot:
-    """A photograph of a colour chart.
-
-    Attributes
-    ----------
-    file
-        None on the rig, which shoots it itself, and where there is none.
-    corners, lamp
-        Options ``--chart-corners`` and ``--lamp`` of `kinran calibrate`.
-    """
-
-    file: Path | None = None
-    corners: str = ""
-    lamp: str = ""
-
-    @property
-    def options(self) -> str:
-        """Options of `kinran calibrate`."""
-        file = f"--chart {shlex.quote(str(self.file))} " if self.file else ""
-        return f"{file}--chart-corners={shlex.quote(self.corners)} --lamp={shlex.quote(self.lamp)}"
 
 
 @dataclass(frozen=True)
@@ -78,6 +56,8 @@ class FabricRow:
         Distances of lamps and camera of photographs; empty on the rig, whose config has them.
     chart
         Colour chart of the fabric's session.
+    card
+        White card under its lights.
     lights
         Number of different light directions.
     light_groups
@@ -98,6 +78,7 @@ class FabricRow:
     seeds: str
     distances: Distances
     chart: ChartShot
+    card: CardShots
     lights: int
     light_groups: tuple[str, ...]
     all_groups: tuple[str, ...]
@@ -311,6 +292,7 @@ def _on_rig(row: SheetRow) -> FabricRow:
         seeds=cells["seeds"],
         distances=Distances(),
         chart=ChartShot(None, rig["chart_corners"], rig["lamp"]),
+        card=CardShots(),
         lights=count,
         light_groups=tuple(name for name in names if name != CALIBRATION),
         all_groups=tuple(names),
@@ -335,6 +317,9 @@ def _of_photographs(row: SheetRow, place: Path) -> FabricRow:
     count = _count_lights(row, folder, lp, place)
     if chart.file and not (chart.file.is_file() or (place / "results" / name / "calibration.json").is_file()):
         raise InputError(f"{row.where}: chart: {chart.file} is no file; correct it")
+    card = CardShots(folder / cells["flat"] if cells.get("flat") else None)
+    if card.folder and not (card.folder.is_dir() or (place / "results" / name / "calibration.json").is_file()):
+        raise InputError(f"{row.where}: flat: {card.folder} is no folder; correct it")
     groups = tuple(list_group_names(count))
     lamp, field, camera = (
         float(cells[key]) if cells.get(key) else None for key in ("lamp_mm", "field_mm", "camera_mm")
@@ -350,6 +335,7 @@ def _of_photographs(row: SheetRow, place: Path) -> FabricRow:
         seeds=cells["seeds"],
         distances=Distances(lamp, field, camera),
         chart=chart,
+        card=card,
         lights=count,
         light_groups=groups,
         all_groups=groups,

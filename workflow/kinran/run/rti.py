@@ -10,7 +10,9 @@ import yaml
 
 from kinran.base.files import InputError
 from kinran.base.project import ROOT
-from kinran.capture.photograph_set import Known, inspect
+from kinran.calibrate.white_card import find_card
+from kinran.capture.photograph_set import Known, PhotographSet, inspect
+from kinran.data import photographs
 from kinran.run.snakemake import run_snakemake
 
 WORK = ".kinran"
@@ -24,6 +26,11 @@ class Inputs:
         Path | None,
         "--chart FILE",
         "photograph of a colour chart under the same light; without it, the encoding's colours are believed",
+    ] = None
+    flat: Annotated[
+        Path | None,
+        "--flat FOLDER",
+        "photographs of a white card under the same lights, named or in order as the set; they even out the lamps",
     ] = None
 
 
@@ -57,7 +64,9 @@ def prepare(inputs: Inputs, out: Path, options: Options) -> Path:
     The results of the fabric are OUT itself: `results/<fabric>` in the working directory leads there.
     """
     distances, out = asdict(options.distances), out.resolve()
-    inspect(inputs.folder.resolve(), options, options.holdout)
+    found = inspect(inputs.folder.resolve(), options, options.holdout)
+    if inputs.flat:
+        check_card(inputs.flat.resolve(), found)
     fabric = re.sub(r"[^a-z0-9_-]+", "-", out.name.lower()).strip("-_") or "fabric"
     work = out / WORK
     try:
@@ -84,6 +93,7 @@ def prepare(inputs: Inputs, out: Path, options: Options) -> Path:
             "lamp": options.lamp,
             "lp": str(options.lp.resolve()) if options.lp else "",
             "mask": str(options.mask.resolve()) if options.mask else "",
+            "flat": str(inputs.flat.resolve()) if inputs.flat else "",
         }
         rows = ["\t".join(row), "\t".join(row.values())]
         (work / "config" / "fabrics.tsv").write_text("\n".join(rows) + "\n", encoding="utf-8")
@@ -91,3 +101,20 @@ def prepare(inputs: Inputs, out: Path, options: Options) -> Path:
     except OSError as error:
         raise InputError(f"{out}: cannot be written to ({error.strerror}); choose another output folder") from None
     return work
+
+
+def check_card(folder: Path, found: PhotographSet) -> None:
+    """Check that each light of a set has a photograph of the card, of the set's size.
+
+    Raises
+    ------
+    InputError
+        One is missing, or of another size.
+    """
+    for frames in find_card(folder, [light.name for light in found.lights]).values():
+        for path in frames:
+            if (size := photographs.size(path)) != found.size:
+                raise InputError(
+                    f"{path}: is {size[0]}x{size[1]} but the set {found.size[0]}x{found.size[1]}; photograph the card"
+                    " as the set"
+                )
