@@ -101,7 +101,7 @@ def woven(light: Array) -> NDArray[np.float32]:
     turn = 2 * np.pi * 60
     normal = np.stack([0.35 * np.sin(turn * x) * gold, 0.35 * np.sin(turn * y) * ~gold, np.ones_like(x)], -1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    half = light + [0.0, 0.0, 1.0]
+    half = light + np.array([0.0, 0.0, 1.0])
     facing, shine = (np.maximum(normal @ v, 0) for v in (light, half / np.linalg.norm(half)))
     worn = 0.9 + 0.1 * np.sin(40 * (x + 3 * y))
     own = np.where(gold[..., None], (0.30, 0.22, 0.10), (0.32, 0.06, 0.07)) * worn[..., None]
@@ -111,7 +111,7 @@ def woven(light: Array) -> NDArray[np.float32]:
 
 
 def write_bracket(folder: Path, name: str, cloth: NDArray[np.float32], noise: NDArray[np.float32]) -> None:
-    """Write the RAW frames of a light, as lossless JPEG in DNG; a white cloth fills a site in a hundredth of a second."""
+    """Write the RAW frames of a light, as lossless JPEG in DNG; white fills a site in a hundredth of a second."""
     height, width = noise.shape
     sites = np.empty((height, width), np.float32)
     whole = np.tile(cloth, (-(-height // REPEAT // 2), -(-width // REPEAT // 2), 1))[: height // 2, : width // 2]
@@ -125,5 +125,5 @@ def write_bracket(folder: Path, name: str, cloth: NDArray[np.float32], noise: ND
         bayer[:BORDER] += READ * own[:BORDER]
         levels = np.clip(bayer + 0.5, 0, FULL).astype(np.uint16)
         said = Tags(seconds, BORDER, BLACK, 4095, "2026:01:01 00:00:00")
-        encoded = imagecodecs.ljpeg_encode(levels, bitspersample=12)
+        encoded = bytes(imagecodecs.ljpeg_encode(levels, bitspersample=12))
         write_dng(folder / f"{name}_{k}.dng", levels, said, encoded)
