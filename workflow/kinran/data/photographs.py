@@ -13,13 +13,15 @@ from kinran.data.file_statements import statements
 from kinran.data.light import LpLight
 from kinran.data.picture_file import read_picture, size_of
 from kinran.data.picture_kind import is_raw, kind_of
-from kinran.data.radiance import SATURATED, Radiance
+from kinran.data.radiance import SATURATED, Image, Radiance
 from kinran.data.raw import raw_orientation, raw_size
 
 MASK = re.compile(r"(.*[.])?mask", re.IGNORECASE)
 """Pattern of the stem of a mask's name: ``mask.png`` (DiLiGenT, LUCES), ``buddha.mask.tga``."""
 CLIPPED = 254 / 255
 """Encoded value from which a sample is saturated: the last code but one, since white in a JPEG may miss the last."""
+STRIP = 64
+"""Rows that are decoded at a time, so that a large photograph takes the memory of its light alone. A choice."""
 
 
 @dataclass(frozen=True)
@@ -208,9 +210,18 @@ def read(path: Path, encoding: Encoding, crop: Crop | None = None) -> Radiance:
     values = values[::-1]
     if picture.ceiling == 0:
         return Radiance.unflagged(np.ascontiguousarray(values, np.float32))
-    codes = values.astype(np.float32) / np.float32(picture.ceiling)
-    flags = (codes >= CLIPPED) * np.uint8(SATURATED)
-    if picture.profile and not is_srgb(picture.profile):
-        light = to_linear(codes, picture.profile)
-        return Radiance(light if encoding.name == "srgb" else encoding.decode(to_srgb(np.maximum(light, 0))), flags)
-    return Radiance(encoding.decode(codes), flags)
+    light, flags = np.empty(values.shape, np.float32), np.empty(values.shape, np.uint8)
+    for first in range(0, len(values), STRIP):
+        rows = slice(first, first + STRIP)
+        codes = values[rows].astype(np.float32) / np.float32(picture.ceiling)
+        flags[rows] = (codes >= CLIPPED) * np.uint8(SATURATED)
+        light[rows] = _light(codes, encoding, picture.profile)
+    return Radiance(light, flags)
+
+
+def _light(codes: Image, encoding: Encoding, profile: bytes) -> Image:
+    """Return the linear light (y, x, 3) of codes, 1 for white."""
+    if not profile or is_srgb(profile):
+        return encoding.decode(codes)
+    light = to_linear(codes, profile)
+    return light if encoding.name == "srgb" else encoding.decode(to_srgb(np.maximum(light, 0)))

@@ -267,7 +267,8 @@ class ShardWriter:
         for name, dtype in zip(NAMES, ("float16", "uint8"), strict=True):
             self._files[name].close()
             raw = self._scratch / f"{name}.raw"
-            _create(self._scratch, name, shape, dtype)[:] = np.memmap(raw, dtype, "r", shape=shape)
+            for k in range(0, self._lights, SHARD):
+                _write_shard(shard_path(self._scratch, name, k // SHARD), raw, dtype, shape, k)
             raw.unlink()
         for name in NAMES:
             for k in range(-(-self._lights // SHARD)):
@@ -276,6 +277,35 @@ class ShardWriter:
                 shard_path(self._scratch, name, k).replace(path)
                 written.append(path)
         return written
+
+
+def _write_shard(path: Path, raw: Path, dtype: str, shape: tuple[int, ...], first: int) -> None:
+    """Write a shard of the pictures from the light `first` on in a scratch file, a row of chunks in memory at a time.
+
+    Zarr would hold all chunks of a shard. The file has the chunks, then the index of places and lengths, chunk by
+    chunk, and its CRC-32C (Zarr v3, codec ``sharding_indexed``).
+    """
+    import google_crc32c
+    from numcodecs import Blosc
+
+    lights, height, width = min(SHARD, shape[0] - first), shape[1], shape[2]
+    coder = Blosc("zstd", clevel=3, shuffle=Blosc.BITSHUFFLE)
+    row = width * 3 * np.dtype(dtype).itemsize
+    index: list[tuple[int, int]] = []
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with raw.open("rb") as source, path.open("wb") as file:
+        for y in range(0, height, CHUNK):
+            rows = min(CHUNK, height - y)
+            band = np.zeros((SHARD, CHUNK, -(-width // CHUNK) * CHUNK, 3), dtype)
+            for k in range(lights):
+                source.seek(((first + k) * height + y) * row)
+                band[k, :rows, :width] = np.frombuffer(source.read(rows * row), dtype).reshape(rows, width, 3)
+            for x in range(0, width, CHUNK):
+                chunk = coder.encode(np.ascontiguousarray(band[:, :, x : x + CHUNK]))
+                index.append((file.tell(), len(chunk) + 4))
+                file.write(chunk + google_crc32c.value(chunk).to_bytes(4, "little"))
+        places = np.array(index, "<u8").tobytes()
+        file.write(places + google_crc32c.value(places).to_bytes(4, "little"))
 
 
 def _half(radiance: Radiance) -> tuple[NDArray[np.float16], Flags]:

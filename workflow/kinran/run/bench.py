@@ -10,7 +10,7 @@ from kinran.base.project import ROOT
 
 NAMES = (
     "adaptive", "camera", "chart", "choice", "doubts", "fabrics", "fit", "flips", "merge", "mixed", "plan", "real",
-    "rig-kills", "run-kills", "stability",
+    "rig-kills", "run-kills", "size", "stability",
 )  # fmt: skip
 
 
