@@ -75,8 +75,8 @@ def test_all_else_counts(read: Read, old: str, new: str) -> None:
     "text",
     [
         replaced("$width", "$spp"),  # the same default sizes the picture
-        replaced('<default name="spp" value="64"/>', '<default name="spp" value="6"/><default name="spp" value="64"/>'),
-        replaced('<default name="spp" value="64"/>', '<default name="a" value="64"/><default name="spp" value="$a"/>'),
+        replaced('<default name="spp" value="16"/>', '<default name="spp" value="6"/><default name="spp" value="16"/>'),
+        replaced('<default name="spp" value="16"/>', '<default name="a" value="64"/><default name="spp" value="$a"/>'),
         replaced('"$spp"', '"1$spp"'),
         replaced('type="independent"', 'type="stratified"'),
         replaced("<film", '<include filename="more.xml"/><film'),

@@ -71,6 +71,7 @@ def prepare(inputs: Inputs, out: Path, options: Options) -> Path:
         defaults = yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8"))
         defaults.update(holdout=options.holdout)
         defaults["rig"]["device"] = "none"
+        defaults["fit"]["compare"] = []  # the evaluation has simple baselines, which cost less than fits of models
         defaults["scene"]["template"] = str(ROOT / defaults["scene"]["template"])
         (work / "config.yaml").write_text(yaml.safe_dump(defaults, sort_keys=False), encoding="utf-8")
         row = {
