@@ -24,10 +24,11 @@ from kinran.compare.trial import Trial
 from kinran.compare.trial import read as read_trial
 from kinran.data import metrics
 from kinran.data.fabric import Fabric
-from kinran.fit import normals, residual
+from kinran.fit import residual
 from kinran.fit.few_lights import FEW_LIGHTS
 from kinran.fit.fitted_model import Fitted
 from kinran.fit.harmonics import harmonics
+from kinran.fit.lambert_normals import normals
 from kinran.fit.samples import Samples
 from kinran_bsdf.material import read_material
 
@@ -106,7 +107,7 @@ def _normals(real: real_sets.RealSet) -> dict[str, float]:
     plain = np.linalg.lstsq(real.directions, T.mean(1).T, rcond=None)[0].T
     plain /= np.linalg.norm(plain, axis=1, keepdims=True)
     samples = Samples.far(T, np.asarray(sound, np.float32), real.directions)
-    found = {"Kinran": normals.fit(samples), "least squares": plain}
+    found = {"Kinran": normals(samples), "least squares": plain}
     angles = {name: np.degrees(np.arccos(np.clip((n * truth[there]).sum(1), -1, 1))) for name, n in found.items()}
     return {name: round(float(angle.mean()), 3) for name, angle in angles.items()}
 

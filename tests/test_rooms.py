@@ -15,9 +15,9 @@ from kinran.base import digest
 FLOORS: tuple[tuple[str, ...], ...] = (
     ("plugin", "base"),
     ("base.drawing", "data", "rig", "fit.solver"),
-    ("virtual", "bracket", "segment", "register", "fit", "judge", "scene"),
+    ("virtual", "bracket", "segment", "register", "fit", "scene"),
     ("capture", "calibrate", "compare.baselines"),
-    ("radiance", "compare", "report", "run"),
+    ("radiance", "judge", "compare", "report", "run"),
 )
 """Rooms from the ground up; in a floor in the order of the data."""
 WITHIN = {"compare.methods": "compare"}

@@ -148,7 +148,7 @@ def test_the_chart_and_the_evaluation_say_one_number_for_one_material(near_fabri
 
 
 def test_methods_see_each_texel_under_its_own_lights(near_fabric: Path) -> None:
-    """A Lambertian sheet is one to the chart, too; lamps that are taken for far away leave 8 %."""
+    """A Lambertian sheet is one to the chart, too; lamps that are taken for far away leave 3 %."""
     (row,) = [r for r in charted(near_fabric, "linear") if (r.experiment, r.method) == ("all", "Lambert")]
     assert row["relative_error"] < 0.0005
     tried = trial.read(Fabric(near_fabric))
@@ -156,4 +156,4 @@ def test_methods_see_each_texel_under_its_own_lights(near_fabric: Path) -> None:
     measured, W = tried.samples.under.reaching(tried.samples.T), tried.samples.W
     far = lambert.fit(Samples.far(measured, W, tried.samples.under.directions))
     left = far.predict(Under.far(tried.held.directions, tried.texels)) - tried.truth
-    assert np.linalg.norm(left) > 0.08 * np.linalg.norm(tried.truth)
+    assert np.linalg.norm(left) > 0.025 * np.linalg.norm(tried.truth)

@@ -47,8 +47,8 @@ def test_a_matte_region_gets_no_lobe_and_a_ggx_one_gets_one(half_matte: Cloth) -
     assert (found["lobes"], found["tail"], found["fitted"]) == (1, "ggx", [0])
     assert found["regions"]["thread0"]["chosen"] == "one GGX lobe"
     assert found["regions"]["thread1"]["chosen"] == "lambert"
-    assert found["bytes_per_texel"] == pytest.approx((26 + 6) / 2)
-    assert found["bytes_saved"] == pytest.approx(42 - 16)
+    assert found["bytes_per_texel"] == pytest.approx((26 + 10) / 2)
+    assert found["bytes_saved"] == pytest.approx(42 - 18)
     assert found["regions"]["thread0"]["one GGX lobe"]["texels"] > 0.9
     assert found["regions"]["thread1"]["lambert"]["texels"] > 0.9
     shown = np.asarray(Image.open(half_matte.folder / "choice.png").convert("L"))

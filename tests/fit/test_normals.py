@@ -5,7 +5,7 @@ import pytest
 from synthetic_texels import sampled
 
 from kinran.base import frames
-from kinran.fit import normals
+from kinran.fit.lambert_normals import normals
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def test_highlights_and_shadows_do_not_bend_them(surface: tuple[np.ndarray, np.n
     T, lights, truth = surface
     plain = np.linalg.lstsq(lights, T.mean(1).T, rcond=None)[0].T
     assert error(plain / np.linalg.norm(plain, axis=1, keepdims=True), truth) > 5
-    found = normals.fit(sampled(T, lights))
+    found = normals(sampled(T, lights))
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1)
     assert error(found, truth) < 1
 
@@ -42,12 +42,12 @@ def test_what_is_not_to_be_used_is_not(surface: tuple[np.ndarray, np.ndarray, np
     W = np.ones((len(T), len(lights)), np.float32)
     W[:, ::2] = 0
     T[:, :, ::2] = 50
-    assert error(normals.fit(sampled(T, lights, W)), truth) < 2
+    assert error(normals(sampled(T, lights, W)), truth) < 2
 
 
 def test_a_black_texel_faces_the_camera() -> None:
     lights = frames.direction(np.full(6, 0.5), np.arange(6.0))
-    found = normals.fit(sampled(np.zeros((1, 3, 6), np.float32), lights))
+    found = normals(sampled(np.zeros((1, 3, 6), np.float32), lights))
     np.testing.assert_array_equal(found, [[0, 0, 1]])
 
 
@@ -57,4 +57,4 @@ def test_lights_below_the_horizon_of_a_facet_say_nothing() -> None:
     lights = frames.direction(np.full(24, np.radians(50.0)), np.radians(15.0) * np.arange(24))
     truth = frames.direction(rng.uniform(np.radians(55), np.radians(75), 50), rng.uniform(0, 2 * np.pi, 50))
     T = np.repeat(0.4 * np.maximum(truth @ lights.T, 0)[:, None], 3, 1).astype(np.float32)
-    assert error(normals.fit(sampled(T, lights)), truth) < 1
+    assert error(normals(sampled(T, lights)), truth) < 1

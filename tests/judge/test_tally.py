@@ -1,5 +1,6 @@
 """Errors that are summed tile by tile are those of all texels at once, whatever the tiles."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +82,18 @@ def test_a_perfect_prediction_has_no_error(stack: Stack, whole: HeldOut) -> None
     tally.add(whole, whole.truth, np.zeros(HEIGHT * WIDTH, int))
     found = tally.errors()
     assert (found["psnr"], found["relative_error"], found["texels_above_1"]) == (120, 0, 0)
+
+
+def test_texels_that_glow_where_their_photograph_does_not(stack: Stack, whole: HeldOut) -> None:
+    """Above white and twice the photograph; a bright photograph under the same light makes no fault of it."""
+    tally = Tally(Survey(whole.lights, whole.share, whole.peak, whole.truth.mean((1, 2, 3))), REGIONS)
+    held = replace(whole, truth=np.full_like(whole.truth, 0.3), valid=np.ones_like(whole.valid))
+    held.truth[:, 0, :10] = 0.9
+    predicted = held.truth.copy()
+    predicted[1, 0, :20, 2] = 1.5
+    predicted[0, 1, :20] = 0.9
+    tally.add(held, predicted, np.zeros(HEIGHT * WIDTH, int))
+    assert tally.errors()["texels_above_white"] == pytest.approx(10 / (HEIGHT * WIDTH), abs=1e-6)
 
 
 @pytest.mark.parametrize("step", [1, 3, 200])

@@ -12,9 +12,18 @@ from kinran.report import overview
 
 def finished(results: Path, name: str) -> Path:
     """The errors of a fabric, with its render beside them."""
-    method = {"relative_error": 0.25, "psnr": 31.5, "fit": {"microseconds_per_texel": 12}}
+    share = {"texels_above_1": 0.0, "texels_above_white": 0.0}
+    method = {"relative_error": 0.25, "psnr": 31.5, **share, "fit": {"microseconds_per_texel": 12}}
+    best = {"relative_error": 0.2, "psnr": 30.0}
+    beside = {
+        "texels": 16,
+        "whole": True,
+        "material": {"relative_error": 0.25, "psnr": 31.5},
+        "baselines": {"PTM": best},
+    }
     path = results / name / "evaluation.json"
-    write_json(path, {"fabric": name, "training_lights": 9, "held_out": ["a"], "methods": {"slope": method}})
+    errors = {"fabric": name, "default": "slope", "training_lights": 9, "held_out": ["a"], "beside": beside}
+    write_json(path, {**errors, "methods": {"slope": method}})
     Image.fromarray(np.zeros((4, 4, 3), np.uint8)).save(path.with_name("render.png"))
     return path
 
@@ -30,6 +39,8 @@ def test_a_page_without_failures(tmp_path: Path) -> None:
     assert '<a href="silk/report.html">silk</a></td><td>9</td><td>1</td>' in text
     assert "1 fabric: held-out" in text
     assert "Not finished" not in text
+    assert "the best simple baseline, PTM, has 30.00 dB" in text
+    assert "<b>Warning:</b> PTM is better than the material: relative error 0.200 against 0.250." in text
 
 
 def test_a_failure_has_its_sentence_and_its_log(tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ def replaced(old: str, new: str, text: str = DRAPE) -> str:
     return text.replace(old, new, 1)
 
 
-LITERAL = replaced(COUNT, '<integer name="sample_count" value="16"/>')
+LITERAL = replaced(COUNT, '<integer name="sample_count" value="24"/>')
 
 
 @pytest.mark.parametrize(
@@ -49,7 +49,7 @@ def test_comments_and_layout_count_for_nothing(read: Read, old: str, new: str) -
     assert read(replaced(old, new)) == read(DRAPE)
 
 
-@pytest.mark.parametrize(("text", "samples"), [(DRAPE, "64"), (LITERAL, "16")])
+@pytest.mark.parametrize(("text", "samples"), [(DRAPE, "16"), (LITERAL, "24")])
 def test_samples_stand_apart(read: Read, text: str, samples: str) -> None:
     more = replaced(f'"{samples}"', '"1000"', text)
     assert (read(text).samples, read(more).samples) == (int(samples), 1000)
@@ -67,7 +67,7 @@ def test_samples_stand_apart(read: Read, text: str, samples: str) -> None:
 )
 def test_all_else_counts(read: Read, old: str, new: str) -> None:
     changed = read(replaced(old, new))
-    assert changed.samples == 64
+    assert changed.samples == 16
     assert changed.digest != read(DRAPE).digest
 
 
@@ -75,10 +75,10 @@ def test_all_else_counts(read: Read, old: str, new: str) -> None:
     "text",
     [
         replaced("$width", "$spp"),  # the same default sizes the picture
-        replaced('<default name="spp" value="64"/>', '<default name="spp" value="6"/><default name="spp" value="64"/>'),
-        replaced('<default name="spp" value="64"/>', '<default name="a" value="64"/><default name="spp" value="$a"/>'),
+        replaced('<default name="spp" value="36"/>', '<default name="spp" value="6"/><default name="spp" value="36"/>'),
+        replaced('<default name="spp" value="36"/>', '<default name="a" value="16"/><default name="spp" value="$a"/>'),
         replaced('"$spp"', '"1$spp"'),
-        replaced('type="independent"', 'type="stratified"'),
+        replaced('type="multijitter"', 'type="stratified"'),
         replaced("<film", '<include filename="more.xml"/><film'),
         replaced(COUNT, ""),
         replaced(COUNT, '<integer name="sample_count" value="many"/>'),
@@ -87,7 +87,7 @@ def test_all_else_counts(read: Read, old: str, new: str) -> None:
 )
 def test_samples_that_do_not_stand_apart_count_with_the_rest(read: Read, text: str) -> None:
     assert read(text).samples is None
-    changed = text.replace('"64"', '"65"')
+    changed = text.replace('"16"', '"17"')
     assert changed == text or read(changed).digest != read(text).digest
 
 

@@ -85,8 +85,12 @@ def test_relight_is_upright_and_says_what_the_evaluation_says(out: Path, tmp_pat
     errors = json.loads((out / "evaluation.json").read_text())
     lights = ["--lights", str(folder / "lights.lp"), "--against", str(folder)]
     text = run("kinran", "relight", str(out / "material.exr"), "--out", str(tmp_path / "relit"), *lights)
-    scores = {line.rsplit(None, 2)[0]: float(line.split()[-2]) for line in text.splitlines()[:-1]}
+    *lines, unseen, fitted = (line.split("  ") for line in text.splitlines())
+    scores = {name: float(score.split()[0]) for name, score, *_ in lines}
     assert len(scores) == LIGHTS
+    assert [name for name, _, *marks in lines if marks == ["held out"]] == errors["held_out"]
+    for said, chosen in ((unseen, errors["held_out"]), (fitted, scores.keys() - set(errors["held_out"]))):
+        assert float(said[1].split()[0]) == pytest.approx(np.mean([scores[name] for name in chosen]), abs=0.02)
     for name in errors["held_out"]:
         assert scores[name] == pytest.approx(errors["methods"][errors["default"]]["lights"][name]["psnr"], abs=0.02)
     channels = read_exr(tmp_path / "relit" / "IMG 04.exr")
@@ -140,10 +144,12 @@ def test_again_does_nothing_and_another_crop_starts_over(out: Path) -> None:
 @pytest.mark.real
 @pytest.mark.campaign
 def test_gold_leaf_icon(real_data: Path, tmp_path: Path) -> None:
-    """RealRTI item 3, the 128² centre: a lobe model on lights that it has not seen, against the four steps."""
+    """RealRTI item 3, the 128² centre: a lobe model on lights that it has not seen, against simple baselines."""
     out = tmp_path / "icon"
     pipeline(real_data / "realrti" / "item3", out, "137,133,128,128", 8, "results/icon/evaluation.json")
-    methods = json.loads((out / "evaluation.json").read_text())["methods"]
+    errors = json.loads((out / "evaluation.json").read_text())
+    methods, baselines = errors["methods"], errors["beside"]["baselines"]
     assert methods["slope"]["psnr"] > 33
     assert methods["slope-residual"]["psnr"] > 38.5
     assert methods["takeda2008"]["psnr"] < 29
+    assert 27 < max(baseline["psnr"] for baseline in baselines.values()) < 33

@@ -51,7 +51,7 @@ class Candidate:
 
 
 CANDIDATES = (
-    Candidate("lambert", None, 3),
+    Candidate("lambert", None, 5),
     Candidate("one GGX lobe", Lobes("ggx", 1), 13),
     Candidate("two Gaussian lobes", Lobes("gaussian", 2), 21),
 )

@@ -5,19 +5,11 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kinran.base.exr import write_exr
 from kinran.data.fabric import Fabric
-from kinran.data.lambert_law import solve
-from kinran.fit.samples import Samples, read_samples
-
-Array = NDArray[np.float64]
-
-ROUNDS = 10
-"""Rounds of reweighting. A choice."""
-LEAST = 1e-3
-"""Share of the albedo that every residual counts for at least in the weights. A choice."""
+from kinran.fit import lambert_normals
+from kinran.fit.samples import read_samples
 
 
 @dataclass(frozen=True)
@@ -30,41 +22,8 @@ class Inputs:
 def main(inputs: Inputs, out: Annotated[Path, "OUT", "normals (.exr): x, y, z"]) -> None:
     """Write the normals of all texels, from the training lights."""
     fabric = Fabric(inputs.fabric)
-    normals = np.zeros((fabric.stack.height, fabric.stack.width, 3), np.float32)
+    found = np.zeros((fabric.stack.height, fabric.stack.width, 3), np.float32)
     for box in fabric.stack.tiles():
         y0, y1, x0, x1 = box
-        normals[y0:y1, x0:x1] = fit(read_samples(fabric, box)).reshape(y1 - y0, x1 - x0, 3)
-    write_exr(out, {name: np.ascontiguousarray(normals[..., k]) for k, name in enumerate("xyz")})
-
-
-def fit(samples: Samples) -> Array:
-    """Fit normals with the least sum of absolute residuals from Lambert's law, by reweighted least squares.
-
-    Highlights, cast shadows and light from neighbours are few and far from the law: unlike least squares, the sum of
-    absolute residuals hardly moves for them. Lights below the surface's own horizon have no weight. [Ikehata2012]
-    compares norms for this problem.
-
-    Returns
-    -------
-    (texel, 3) float
-        Unit vectors; N where a texel is black or has too few samples.
-    """
-    result = np.empty((len(samples), 3))
-    for k, at in samples.under.cells():
-        result[at] = _of_cell(samples.T[at], samples.W[at], samples.under.lights[k])
-    return result
-
-
-def _of_cell(T: NDArray[np.float32], W: NDArray[np.float32], lights: Array) -> Array:
-    """Normals of texels under lights (light, 3)."""
-    y = T.mean(1).astype(float)
-    use = (W > 0).astype(float)
-    scaled = solve(use, y, lights)
-    for _ in range(ROUNDS):
-        predicted = scaled @ lights.T
-        floor = LEAST * np.linalg.norm(scaled, axis=1, keepdims=True) + 1e-12
-        weight = use * (predicted > 0) / np.maximum(np.abs(y - predicted), floor)
-        scaled = solve(weight * floor, y, lights)
-    length = np.linalg.norm(scaled, axis=1, keepdims=True)
-    found = (length > 1e-9) & np.isfinite(length)
-    return np.where(found, scaled / np.where(found, length, 1), [0.0, 0.0, 1.0])
+        found[y0:y1, x0:x1] = lambert_normals.normals(read_samples(fabric, box)).reshape(y1 - y0, x1 - x0, 3)
+    write_exr(out, {name: np.ascontiguousarray(found[..., k]) for k, name in enumerate("xyz")})

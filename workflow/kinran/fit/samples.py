@@ -90,6 +90,12 @@ class Samples:
         """Samples whose weights are multiplied by factors (light,)."""
         return replace(self, W=self.W * by, bounds=None if self.bounds is None else self.bounds * by)
 
+    def where(self, sound: NDArray[np.bool_]) -> "Samples":
+        """The samples without those that are not `sound` (texel, light): 0, and of no weight."""
+        bounds = None if self.bounds is None else np.where(sound, self.bounds, np.float32(0))
+        T, W = np.where(sound[:, None], self.T, np.float32(0)), np.where(sound, self.W, np.float32(0))
+        return replace(self, T=T, W=W, bounds=bounds)
+
     def unshared(self) -> "Samples":
         """The samples with no texel shared between two regions."""
         return replace(self, second=self.region)

@@ -16,7 +16,9 @@ from kinran.data import material_prediction, metrics
 from kinran.data.fabric import Fabric
 from kinran.data.held_out_photographs import HeldOut, Survey, survey
 from kinran.data.radiance_stack import Box, Stack
+from kinran.data.verdict import told
 from kinran.judge.block_means import BlockMeans
+from kinran.judge.simple_baselines import SimpleBaselines
 from kinran.judge.tally import Tally
 from kinran_bsdf.colours import TO_REC709
 from kinran_bsdf.material import read_material
@@ -75,10 +77,9 @@ def main(inputs: Inputs, out: Outputs, options: Options) -> None:
         "methods": {},
     }
     if stack.held_out.any():
-        judged, picture = _judge(inputs.materials, fabric)
+        judged, result["beside"], picture = _judge(inputs.materials, fabric)
         for name, errors in judged.items():
             result["methods"][name] = errors
-            log.info("%s: %.2f dB, relative %.3f", name, errors["psnr"], errors["relative_error"])
         pictures.write_png(out.picture, picture)
     else:
         empty = np.full((40, 360, 3), 250, np.uint8)
@@ -87,10 +88,16 @@ def main(inputs: Inputs, out: Outputs, options: Options) -> None:
     for path in inputs.materials:
         result["methods"].setdefault(path.stem, {})["fit"] = read_json(path.with_suffix(".json"))
     write_json(out.errors, result)
+    log.info("%s", told(options.name, result))
 
 
-def _judge(paths: tuple[Path, ...], fabric: Fabric) -> tuple[dict[str, dict[str, Any]], pictures.Picture]:
-    """Return the errors of each material, and the picture; one tile of the photographs is in memory at a time."""
+def _judge(
+    paths: tuple[Path, ...], fabric: Fabric
+) -> tuple[dict[str, dict[str, Any]], dict[str, Any], pictures.Picture]:
+    """Return the errors of each material, those of baselines beside the default, and the picture.
+
+    One tile of the photographs is in memory at a time.
+    """
     stack, seen = fabric.stack, survey(fabric.stack)
     materials = {path.stem: read_material(path) for path in paths}
     for path in paths:
@@ -98,6 +105,7 @@ def _judge(paths: tuple[Path, ...], fabric: Fabric) -> tuple[dict[str, dict[str,
             raise InputError(f"{path}: its size is not that of {stack.path}; fit it again")
     tallies = {name: Tally(seen, fabric.regions) for name in materials}
     seconds = dict.fromkeys(materials, 0.0)
+    beside = SimpleBaselines(fabric, seen)
     picture = _Picture(stack, seen, tuple(materials))
     for box in stack.tiles():
         held = HeldOut.read(stack, box, seen.peak)
@@ -107,9 +115,10 @@ def _judge(paths: tuple[Path, ...], fabric: Fabric) -> tuple[dict[str, dict[str,
             predicted[name] = material_prediction.predict(material, stack, box, held.use)
             seconds[name] += time.process_time() - start
             tallies[name].add(held, predicted[name], fabric.labels[box[0] : box[1], box[2] : box[3]].reshape(-1))
+        beside.add(box, held, predicted[paths[0].stem])
         picture.add(box, held, predicted)
     errors = {name: {**tallies[name].errors(), "relight_cpu_seconds": round(seconds[name], 3)} for name in materials}
-    return errors, picture.sheet()
+    return errors, beside.errors(), picture.sheet()
 
 
 class _Picture:

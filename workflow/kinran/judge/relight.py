@@ -8,7 +8,7 @@ import numpy as np
 
 from kinran.base.encoding import Encoding, parse
 from kinran.base.exr import write_rgb
-from kinran.base.files import InputError
+from kinran.base.files import InputError, read_json
 from kinran.base.log import progress
 from kinran.data import metrics, photographs
 from kinran.data.light import LpLight, directions
@@ -38,16 +38,27 @@ def main(inputs: Inputs, out: Annotated[Path, "--out DIR", "folder for one EXR a
     found = photographs.find(inputs.against, lights) if inputs.against else {}
     batches = (lights[start : start + BATCH] for start in range(0, len(lights), BATCH))
     images = (image for batch in batches for image in relight(material, directions(batch)))
+    held_out = _held_out(inputs.material) if inputs.against else set()
     pairs, scores = zip(lights, images, strict=True), []
     for light, image in pairs if inputs.against else progress(pairs, "relight", "lights", len(lights)):
         write_rgb(out / f"{light.name}.exr", image[::-1])
         if inputs.against:
             scores.append(_compare(material, light, image, found[light.name]))
-            print(f"{light.name}  {scores[-1]:.2f} dB", flush=True)
+            print(f"{light.name}  {scores[-1]:.2f} dB{'  held out' * (light.name in held_out)}", flush=True)
     if scores:
-        print(f"mean  {np.mean(scores):.2f} dB  (worst {np.min(scores):.2f} dB, {len(scores)} lights)")
+        apart = np.array([light.name in held_out for light in lights])
+        for what, chosen in (("held out", apart), ("fitted", ~apart)) if apart.any() else (("mean", ~apart),):
+            some = np.array(scores)[chosen]
+            if some.size:
+                print(f"{what}  {some.mean():.2f} dB  (worst {some.min():.2f} dB, {some.size} lights)")
     else:
         print(f"{len(lights)} pictures in {out}")
+
+
+def _held_out(material: Path) -> set[str]:
+    """Names of the lights that a material has not seen, from the evaluation beside it; none where there is none."""
+    path = material.with_name("evaluation.json")
+    return set(read_json(path)["held_out"]) if path.is_file() else set()
 
 
 def _compare(material: Material, light: LpLight, image: Image, path: Path) -> float:

@@ -11,6 +11,10 @@ from kinran.data.labels import Region
 
 Images = NDArray[np.float32]
 
+BRIGHTER = 2
+"""Times its photograph that a relit texel above white counts as too bright. A choice: noise and a lobe that is somewhat
+off stay below it."""
+
 
 class Tally:
     """Squared errors of a prediction, summed over the tiles of a fabric.
@@ -28,6 +32,7 @@ class Tally:
         shape = (len(seen.lights), 1 + len(regions))  # over all texels, then over those of each region
         self._shown, self._sound, self._error, self._energy = (np.zeros(shape) for _ in range(4))
         self._texels: list[Images] = []
+        self._white: list[NDArray[np.bool_]] = []
 
     def add(self, held: HeldOut, predicted: Images, labels: NDArray[np.integer]) -> None:
         """Add the prediction (light, y, x, 3) of a tile, and the labels (texel,) of its texels."""
@@ -38,6 +43,8 @@ class Tally:
         by_texel = [values.sum(-1, dtype=float).reshape(len(values), -1) for values in (shown, valid, error, energy)]
         for total, values in zip((self._shown, self._sound, self._error, self._energy), by_texel, strict=True):
             total += values @ inside
+        white = (valid > 0) & (predicted > np.maximum(1, BRIGHTER * truth))
+        self._white.append(white.any((0, -1)).reshape(-1))
         wrong, bright = (self._share @ values for values in by_texel[2:])
         known = by_texel[1].any(0)
         self._texels.append(np.sqrt(wrong / np.maximum(bright, 1e-12)).astype(np.float32)[known])
@@ -61,6 +68,7 @@ class Tally:
             "texel_median": round(float(np.median(texels)), 5),
             "texel_p95": round(float(np.percentile(texels, 95)), 5),
             "texels_above_1": round(float((texels > 1).mean()), 6),
+            "texels_above_white": round(float(np.concatenate(self._white).mean()), 6),
             "regions": {r.name: {**over(k), "texels": r.texels} for k, r in enumerate(self._regions, 1)},
             "lights": {
                 light.name: {

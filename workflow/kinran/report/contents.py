@@ -15,6 +15,7 @@ from kinran.base.page import embed, embed_file
 from kinran.data.calibration import Calibration, read_calibration
 from kinran.data.capture_plan import Plan, read_plan
 from kinran.data.fabric import Fabric
+from kinran.data.verdict import verdict
 from kinran.report import drawings
 from kinran.report.colours import chart_section
 from kinran.report.maps import maps, rec709
@@ -49,6 +50,7 @@ def gather(results: Path, captures: Path, choice: Path | None = None) -> Values:
         "maps": [(caption, embed(pictures.enlarge(p, MAP_WIDTH))) for caption, p in maps(material)],
         "clamped": bool((material.channels["bound"] < 1).any()),
         "errors": errors,
+        "verdict": verdict(errors),
         "judged": [(name, colour(k), method) for k, (name, method) in enumerate(judged.items())],
         "by_region": drawings.by_region(errors, judged).svg("Relative error by region") if judged else "",
         "by_angle": drawings.by_angle(judged, plan).svg("PSNR over θ") if judged else "",

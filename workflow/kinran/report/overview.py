@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from kinran.base.files import InputError, read_as, read_json
 from kinran.base.page import embed_file, write_page
+from kinran.data.verdict import verdict
 
 
 @dataclass(frozen=True)
@@ -52,8 +53,10 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "page (.html)"]) -> None:
 
 
 def _fabric(path: Path, folder: Path) -> dict[str, Any]:
+    errors = read_json(path)
     return {
-        "errors": read_json(path),
+        "errors": errors,
+        "verdict": verdict(errors),
         "link": os.path.relpath(path.with_name("report.html"), folder),
         "render": embed_file(path.with_name("render.png")),
     }

@@ -3,8 +3,9 @@
 import os
 from typing import Annotated
 
-from kinran.base.files import InputError
+from kinran.base.files import InputError, read_json
 from kinran.base.project import ROOT
+from kinran.data.verdict import told
 from kinran.run.snakemake import run_snakemake
 
 
@@ -12,4 +13,5 @@ def main(cores: Annotated[int, "processor cores to use (default: all)"] = os.cpu
     """Run Snakemake, and print where the report and the picture are."""
     if run_snakemake(["--cores", str(cores), "--quiet", "rules"], folder=ROOT):
         raise InputError("the run did not finish; the messages above and the folder logs say why")
+    print(told("brocade", read_json(ROOT / "results" / "brocade" / "evaluation.json")))
     print("open results/report.html; the picture is results/brocade/render.png")

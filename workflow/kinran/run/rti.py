@@ -8,11 +8,12 @@ from typing import Annotated
 
 import yaml
 
-from kinran.base.files import InputError
+from kinran.base.files import InputError, read_json
 from kinran.base.project import ROOT
 from kinran.calibrate.white_card import find_card
 from kinran.capture.photograph_set import Known, PhotographSet, inspect
 from kinran.data import photographs
+from kinran.data.verdict import told
 from kinran.run.snakemake import run_snakemake
 
 WORK = ".kinran"
@@ -56,6 +57,7 @@ def main(
     print(f"material    {out / 'material.exr'}")
     print(f"evaluation  {out / 'evaluation.json'}")
     print(f"report      {out / 'report.html'}")
+    print(told(out.name, read_json(out / "evaluation.json")))
 
 
 def prepare(inputs: Inputs, out: Path, options: Options) -> Path:

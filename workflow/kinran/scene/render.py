@@ -27,12 +27,12 @@ Picture = NDArray[np.float32]
 
 MESH = re.compile(r'value="([^"]+\.ply)"')
 """A mesh that a scene file names."""
-PASS = 8
-"""Samples a pixel that are rendered at once, between two lines of progress."""
+PASS = 16
+"""Samples a pixel that are rendered at once, between two lines of progress: those over which a sampler spreads them."""
 SHOULDER = 0.7
 """Linear value above which highlights roll off: nearly all of what is diffuse lies under it, and sRGB shows it at 0.85.
 It was chosen by eye."""
-SWEEP_SIZE, SWEEP_SPP, SWEEP_ANGLE = (240, 180), 24, 50.0
+SWEEP_SIZE, SWEEP_SPP, SWEEP_ANGLE = (240, 180), 16, 50.0
 """Pixels of a frame of the sweep, samples a pixel, and degrees from the normal at which the light starts and ends."""
 
 
