@@ -12,13 +12,13 @@ from stages import make_stack
 from kinran.base.exr import read_exr
 from kinran.base.files import InputError, read_json
 from kinran.capture import ingest, ingest_group
+from kinran.data.block_average import average
 from kinran.data.mask import find_mask, read_mask
 from kinran.data.photographs import Crop
 from kinran.data.radiance import HOT, OUTSIDE, Radiance
 from kinran.data.radiance_stack import Stack
 from kinran.fit import fit, material
 from kinran.judge import evaluate, relight
-from kinran.radiance.coarsen import average
 from kinran.segment import segment
 
 WIDTH, HEIGHT, LIGHTS = 56, 48, 12

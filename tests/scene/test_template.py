@@ -49,7 +49,7 @@ def test_comments_and_layout_count_for_nothing(read: Read, old: str, new: str) -
     assert read(replaced(old, new)) == read(DRAPE)
 
 
-@pytest.mark.parametrize(("text", "samples"), [(DRAPE, "16"), (LITERAL, "24")])
+@pytest.mark.parametrize(("text", "samples"), [(DRAPE, "36"), (LITERAL, "24")])
 def test_samples_stand_apart(read: Read, text: str, samples: str) -> None:
     more = replaced(f'"{samples}"', '"1000"', text)
     assert (read(text).samples, read(more).samples) == (int(samples), 1000)
@@ -67,7 +67,7 @@ def test_samples_stand_apart(read: Read, text: str, samples: str) -> None:
 )
 def test_all_else_counts(read: Read, old: str, new: str) -> None:
     changed = read(replaced(old, new))
-    assert changed.samples == 16
+    assert changed.samples == 36
     assert changed.digest != read(DRAPE).digest
 
 

@@ -9,7 +9,7 @@ from typing import Annotated
 from kinran.base.distances import crop_centre, seen_from, unit
 from kinran.base.files import check_name, sha256
 from kinran.capture.doubts import doubts
-from kinran.capture.photograph_set import Known, PhotographSet, inspect, remark_on_lengths
+from kinran.capture.photograph_set import Known, PhotographSet, averaged, inspect, remark_on_lengths
 from kinran.data.capture_plan import LIST_GROUP, Group, Plan, PlanLight, Shot, list_group_names, write_plan
 from kinran.data.light import LpLight
 from kinran.data.photographs import parse_crop
@@ -72,6 +72,7 @@ def plan(fabric: str, photographs: PhotographSet, known: Known) -> Plan:
         encoding=known.encoding,
         crop=known.crop,
         axis_mm=(-centre[0], -centre[1]) if measured.camera_mm and part else None,
+        average=averaged(part, photographs.size, known.max_mp),
         mask=str(photographs.mask.resolve()) if photographs.mask else "",
         mask_sha256=sha256(photographs.mask) if photographs.mask else "",
     )

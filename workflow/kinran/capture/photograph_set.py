@@ -1,5 +1,6 @@
 """A set of photographs with known lights, checked before anything is written."""
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -57,6 +58,12 @@ class Known:
         "picture that is white where the fabric is (default: mask.png beside the photographs, if there is one)",
     ] = None
 
+    max_mp: Annotated[
+        float | None,
+        "--max-mp N",
+        "most megapixels of the material: larger photographs are averaged in linear light, by a whole number of pixels",
+    ] = None
+
     @property
     def distances(self) -> Distances:
         """Distances of lamps and camera.
@@ -100,6 +107,22 @@ class PhotographSet:
     remarks: tuple[str, ...] = ()
     mask: Path | None = None
     frames: dict[str, list[Path]] = field(default_factory=dict)
+
+
+def averaged(part: photographs.Crop | None, size: tuple[int, int], max_mp: float | None) -> int:
+    """Return how many pixels along a side become one texel, so that no more than so many megapixels are left.
+
+    Raises
+    ------
+    InputError
+        The number of megapixels is not positive.
+    """
+    if max_mp is None:
+        return 1
+    if not max_mp > 0:
+        raise InputError(f"--max-mp {max_mp:g}: is no number of megapixels; give one such as 6")
+    width, height = (part.width, part.height) if part else size
+    return max(1, math.ceil(math.sqrt(width * height * 1e-6 / max_mp) - 1e-9))
 
 
 def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:

@@ -125,6 +125,8 @@ class Plan:
     axis_mm
         Point (X, Y) in which the camera's axis meets the fabric, in millimetres from the middle of the crop; None for
         the middle itself.
+    average
+        Pixels of photographs, along a side, of which one texel is the mean.
     mask, mask_sha256
         File of the mask of photographs, and its SHA-256; empty without one.
     backlash
@@ -144,6 +146,7 @@ class Plan:
     encoding: str | None = None
     crop: str = ""
     axis_mm: tuple[float, float] | None = None
+    average: int = 1
     mask: str = ""
     mask_sha256: str = ""
     backlash: float = 0.0
@@ -238,7 +241,7 @@ def check_plan(path: Path, plan: Plan) -> None:
             seen.add(shot.shot)
 
 
-ABSENT = (("camera_mm", None), ("axis_mm", None), ("mask", ""), ("mask_sha256", ""), ("backlash", 0.0))
+ABSENT = (("camera_mm", None), ("axis_mm", None), ("average", 1), ("mask", ""), ("mask_sha256", ""), ("backlash", 0.0))
 """Keys that a plan's file leaves out where they have these values."""
 
 

@@ -11,9 +11,10 @@ from kinran.base.exr import write_rgb
 from kinran.base.files import InputError, read_json
 from kinran.base.log import progress
 from kinran.data import metrics, photographs
+from kinran.data.block_average import average
 from kinran.data.light import LpLight, directions
 from kinran.data.light_files import read_lights
-from kinran.data.radiance import Image
+from kinran.data.radiance import Image, Radiance
 from kinran_bsdf.material import Material, read_material
 from kinran_bsdf.relight import relight
 
@@ -61,10 +62,18 @@ def _held_out(material: Path) -> set[str]:
     return set(read_json(path)["held_out"]) if path.is_file() else set()
 
 
+def _made_from(photograph: Radiance, shape: tuple[int, ...]) -> Image:
+    """Return the light of a photograph, averaged where the material was made from averages of so many pixels."""
+    pixels = photograph.value.shape[0] // shape[0]
+    if pixels > 1 and photograph.value.shape[1] // pixels == shape[1]:
+        return average(photograph[None], pixels)[0].value
+    return photograph.value
+
+
 def _compare(material: Material, light: LpLight, image: Image, path: Path) -> float:
     """PSNR of a relit picture, in the encoding of the photographs that the material was made from."""
     encoding: Encoding = parse(material.encoding or "linear")
-    truth = photographs.read(path, encoding, photographs.parse_crop(material.crop)).value
+    truth = _made_from(photographs.read(path, encoding, photographs.parse_crop(material.crop)), image.shape)
     if truth.shape != image.shape:
         truth = photographs.read(path, encoding).value
     if truth.shape != image.shape:

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from kinran.base.exr import read_exr
 from kinran.base.files import InputError
+from kinran.data.block_average import average, blocks
 from kinran.data.fabric import Fabric
 from kinran.data.labels import write_labels, write_regions
 from kinran.data.needed_regions import read_need
-from kinran.data.radiance import DARK, HOT, OUTSIDE, Radiance
+from kinran.data.radiance import Radiance
 from kinran.data.radiance_stack import CHUNK, Stack, write_metadata, write_shards
 from kinran.data.shards import NAMES, SHARD, shard_path
 
@@ -52,28 +53,6 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "folder of the fabric with 
     log.info("coarsen: %d x %d texels make one; %d x %d of them", factor, factor, width, height)
 
 
-def average(radiance: Radiance, factor: int) -> Radiance:
-    """Return the mean radiance of blocks of texels; rows and columns that fill no block are left out.
-
-    Parameters
-    ----------
-    radiance : (light, y, x, 3)
-        Radiance of texels. Defects are left out of the mean, and flag a block only where it has nothing else. A block
-        is dark, or outside the mask, if all of it is, and saturated or shifted if any of it is.
-    factor
-        Texels along the side of a block.
-    """
-    if factor == 1:
-        return radiance
-    values, bits = _blocks(radiance.value, factor), _blocks(radiance.flags, factor)
-    sound = (bits & HOT) == 0
-    weight = np.where(sound.any((2, 4), keepdims=True), sound, True).astype(np.float32)
-    mean = (weight * values).sum((2, 4)) / weight.sum((2, 4))
-    every = np.bitwise_and.reduce(np.bitwise_and.reduce(bits, 4), 2) & np.uint8(HOT | DARK | OUTSIDE)
-    some = np.bitwise_or.reduce(np.bitwise_or.reduce(np.where(sound, bits, 0), 4), 2) & ~np.uint8(HOT | DARK | OUTSIDE)
-    return Radiance(mean.astype(np.float32), (every | some).astype(np.uint8))
-
-
 def coarse_labels(channels: dict[str, NDArray[np.float32]], factor: int) -> dict[str, Any]:
     """Return the regions of blocks of texels, by their share of the area.
 
@@ -93,14 +72,14 @@ def coarse_labels(channels: dict[str, NDArray[np.float32]], factor: int) -> dict
     share = channels["membership"]
     count = int(max(label.max(), second.max())) + 1
     area = np.stack([share * (label == k) + (1 - share) * (second == k) for k in range(count)])
-    area = np.asarray(_blocks(area[..., None], factor).mean((2, 4))[..., 0])
+    area = np.asarray(blocks(area[..., None], factor).mean((2, 4))[..., 0])
     order = np.argsort(-area, axis=0, kind="stable")
     first, other = order[0], order[min(1, count - 1)]
     most, rest = (np.take_along_axis(area, which[None], 0)[0] for which in (first, other))
     shared = (rest > 0) & (other != first)
     return {
         "labels": first,
-        "confidence": np.asarray(_blocks(channels["confidence"][None, ..., None], factor).mean((2, 4))[0, ..., 0]),
+        "confidence": np.asarray(blocks(channels["confidence"][None, ..., None], factor).mean((2, 4))[0, ..., 0]),
         "second": np.where(shared, other, first),
         "membership": np.where(shared, most / (most + rest), 1).astype(np.float32),
     }
@@ -145,10 +124,3 @@ def _link(source: Path, path: Path, shard: int) -> None:
             os.link(old, new)
         except OSError:
             shutil.copyfile(old, new)
-
-
-def _blocks(values: Planes, factor: int) -> Planes:
-    """Return values (n, y, x, channel) as (n, row, y in block, column, x in block, channel)."""
-    rows, columns = values.shape[1] // factor, values.shape[2] // factor
-    whole = values[:, : rows * factor, : columns * factor]
-    return whole.reshape(len(values), rows, factor, columns, factor, -1)

@@ -20,6 +20,7 @@ from kinran.bracket.shots import Taken, read_bracket, read_light, read_manifest,
 from kinran.bracket.superpixels import merge_bracket
 from kinran.calibrate.lamp import lamp_gains, level
 from kinran.calibrate.radiometry import to_radiance
+from kinran.data.block_average import average
 from kinran.data.calibration import Calibration, read_calibration
 from kinran.data.capture_plan import Plan, PlanLight, read_plan
 from kinran.data.flat_field import divide
@@ -64,7 +65,7 @@ def main(inputs: Inputs, out: Outputs) -> None:
     inside = mask_of(plan)
 
     def merge() -> dict[str, Any]:
-        merged = merge_lights(inputs.manifest, shots, used, seen, gains, evened, inside, out.stack)
+        merged = merge_lights(inputs.manifest, shots, used, seen, gains, evened, inside, plan.average, out.stack)
         log.info("group %s: %d lights merged", group, len(used))
         return merged
 
@@ -74,7 +75,7 @@ def main(inputs: Inputs, out: Outputs) -> None:
         merged = made(
             f"group {group}",
             "kinran.radiance.merge_group",
-            lambda: (contents(shots), used, seen, gains, evened, plan.mask_sha256),
+            lambda: (contents(shots), used, seen, gains, evened, plan.mask_sha256, plan.average),
             files,
             merge,
         )
@@ -95,7 +96,7 @@ def main(inputs: Inputs, out: Outputs) -> None:
 
 def without_colours(calibration: Calibration) -> Calibration:
     """Return what a merge needs of a calibration: neither names nor colours, so that another chart changes no merge."""
-    names: dict[str, Any] = {"fabric": "", "plan_sha256": "", "colour": "", "lamp": ""}
+    names: dict[str, Any] = {"fabric": "", "plan_sha256": "", "colour": "", "lamp": "", "generation": ""}
     colours: dict[str, Any] = {"to_acescg": (), "delta_e": (), "patches": (), "root_polynomial": None, "chart": ()}
     return replace(calibration, **names, **colours)
 
@@ -119,6 +120,7 @@ def merge_lights(
     gains: dict[str, float] | None,
     evened: dict[int, NDArray[np.float32]],
     inside: NDArray[np.bool_] | None,
+    pixels: int,
     stack: Path,
 ) -> dict[str, Any]:
     """Write the shards of lights, which are whole shards in their order.
@@ -139,6 +141,8 @@ def merge_lights(
         Light (3,) of the lamps beside their mean, by index of the light (`relative_intensities`).
     inside
         Mask (y, x) of the texels that have samples; None for all.
+    pixels
+        Pixels along a side of which one texel is the mean.
     stack
         Folder of the stack.
 
@@ -153,7 +157,7 @@ def merge_lights(
     digests: dict[str, str] = {}
     shards = sorted({light.index // SHARD for light in lights})
     for shard in progress(shards, f"group {manifest.stem}", "shards"):
-        with ShardWriter(stack, calibration.height, calibration.width) as writer:
+        with ShardWriter(stack, calibration.height // pixels, calibration.width // pixels) as writer:
             for light in (light for light in lights if light.index // SHARD == shard):
                 picture = merge_shot(by_light[light.index], calibration, gains, light.theta, light.phi)
                 if calibration.lamps:  # measured on a card: intensities that are stated as well are part of it
@@ -162,6 +166,7 @@ def merge_lights(
                     picture = picture.with_value(picture.value / evened[light.index])
                 if inside is not None:
                     picture = picture.only(inside)
+                picture = average(picture[None], pixels)[0]
                 writer.add(picture)
                 saturated += int(np.count_nonzero(picture.has(SATURATED)))
                 samples += int(np.count_nonzero(~picture.has(OUTSIDE)))

@@ -67,9 +67,9 @@ def metadata_of(plan: Plan, calibration: Calibration, held: set[int]) -> Metadat
             Light(light.name, light.direction, light.position_mm, light.grid, index in held)
             for index, light in enumerate(plan.lights)
         ),
-        height=calibration.height,
-        width=calibration.width,
-        texel_mm=plan.field_mm / calibration.width if plan.field_mm else None,
+        height=calibration.height // plan.average,
+        width=calibration.width // plan.average,
+        texel_mm=plan.average * plan.field_mm / calibration.width if plan.field_mm else None,
         encoding=calibration.encoding if calibration.camera is None else "",  # merged brackets are radiance
         crop=calibration.crop,
         colour=calibration.colour,

@@ -24,7 +24,7 @@ from kinran.data.light_files import find_lights
 from kinran.run.config import check, own_settings, read_schema, rig_directions, sheet_of
 from kinran.run.reference_shots import CardShots, ChartShot
 
-OF_PHOTOGRAPHS = ("lamp_mm", "field_mm", "camera_mm", "chart", "chart_corners", "lamp", "mask", "flat")
+OF_PHOTOGRAPHS = ("lamp_mm", "field_mm", "camera_mm", "chart", "chart_corners", "lamp", "mask", "max_mp", "flat")
 """Columns of the sheet of fabrics that it need not have."""
 GENERATED = "generated"
 """The scan that stands for a simulated one."""
@@ -46,6 +46,8 @@ class FabricRow:
         File of the lights of its photographs; None where it lies beside them.
     mask
         Mask of its photographs; None for the one beside them, if there is one.
+    max_mp
+        Most megapixels of the material; larger photographs are averaged. None to keep them all.
     encoding, crop
         Encoding and crop of the photographs.
     regions
@@ -72,6 +74,7 @@ class FabricRow:
     folder: Path | None
     lp: Path | None
     mask: Path | None
+    max_mp: float | None
     encoding: str
     crop: str
     regions: int | None
@@ -116,10 +119,12 @@ class FabricRow:
 
     @property
     def light_options(self) -> str:
-        """Options of `kinran ingest` for the lights and the mask: distances, and their files."""
+        """Options of `kinran ingest` for lights, mask and size: distances, their files, and the most megapixels."""
         given = {name.replace("_", "-"): value for name, value in asdict(self.distances).items() if value is not None}
         mask = f"--mask {shlex.quote(str(self.mask))}" if self.mask else ""
-        return " ".join([*(f"--{name} {value:.9g}" for name, value in given.items()), self.lp_option, mask]).strip()
+        most = f"--max-mp {self.max_mp:g}" if self.max_mp else ""
+        words = [*(f"--{name} {value:.9g}" for name, value in given.items()), self.lp_option, mask, most]
+        return " ".join(filter(None, words))
 
 
 @dataclass(frozen=True)
@@ -286,6 +291,7 @@ def _on_rig(row: SheetRow) -> FabricRow:
         folder=None,
         lp=None,
         mask=None,
+        max_mp=None,
         encoding="",
         crop="",
         regions=_regions(row),
@@ -329,6 +335,7 @@ def _of_photographs(row: SheetRow, place: Path) -> FabricRow:
         folder=folder,
         lp=lp,
         mask=Path(cells["mask"]) if cells.get("mask") else None,
+        max_mp=float(cells["max_mp"]) if cells.get("max_mp") else None,
         encoding=encoded,
         crop=cells["crop"],
         regions=_regions(row),

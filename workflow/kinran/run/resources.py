@@ -91,8 +91,8 @@ COSTS = {
     "coarsen": Cost(260, 160, 0.2, 5, 0, 0.3),
     "choice": Cost(300, 0, 0.5, 120, threaded=True),
     "prior": Cost(230, 40, 0.35, 10, threaded=True),
-    "fit": Cost(180, 90, 0.35, 5, 35, 0.25),
-    "material": Cost(180, 420, 0, 2, 10),
+    "fit": Cost(180, 90, 0.35, 5, 130, 0.15),
+    "material": Cost(180, 420, 0, 2, 17),
     "residual": Cost(300, 400, 0.4, 30, 20, 0.3, threaded=True),
     "sigma": Cost(250, 300, 0.4, 5, 10, 0.3, threaded=True),
     "choose": Cost(10, seconds=0),
@@ -111,10 +111,10 @@ COSTS = {
     "chart_regions": Cost(600, 200, 0, 60),
 }
 """Costs of the jobs of each stage, from the peak of resident memory and the CPU time of its process (getrusage), for
-photographs of 65,536 texels × 48 lights, 1,048,576 × 12 and 16,384 × 192, for the demo, and for a strip of 65,536 ×
-1,153 lights. Those of `merge` hold for 64 lights of five RAW frames each (`kinran bench merge`), those of `fit` for all
-jobs of the slope model with two lobes. `coarsen`, `choice`, `render`, `report` and the chart were not measured on large
-fabrics: theirs are guesses on the safe side."""
+photographs of 65,536 texels × 48 lights, 1,048,576 × 12 and 60, and 16,384 × 192, for the demo, and for a strip of
+65,536 × 1,153 lights. Those of `merge` hold for 64 lights of five RAW frames each (`kinran bench merge`), those of
+`fit` for all jobs of the slope model with two lobes. `coarsen`, `choice`, `render`, `report` and the chart were not
+measured on large fabrics: theirs are guesses on the safe side."""
 
 
 def size_of(fabric: FabricRow, captures: Path = Path("captures")) -> Size:
@@ -125,6 +125,11 @@ def size_of(fabric: FabricRow, captures: Path = Path("captures")) -> Size:
 def _texels(fabric: FabricRow, captures: Path) -> int:
     if fabric.folder is None and fabric.settings["rig"]["device"] == "virtual":
         return int(fabric.settings["virtual"]["texels"]) ** 2
+    whole = _photographed(fabric, captures)
+    return min(whole, int(fabric.max_mp * 1e6)) if fabric.max_mp else whole
+
+
+def _photographed(fabric: FabricRow, captures: Path) -> int:
     if fabric.crop:
         return math.prod(int(part) for part in fabric.crop.split(",")[2:])
     frame = _frame(fabric, captures)

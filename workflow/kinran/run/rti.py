@@ -1,5 +1,6 @@
 """Run the pipeline on a folder of photographs with known lights: material, evaluation, render, report."""
 
+import logging
 import os
 import re
 from dataclasses import asdict, dataclass
@@ -14,7 +15,10 @@ from kinran.calibrate.white_card import find_card
 from kinran.capture.photograph_set import Known, PhotographSet, inspect
 from kinran.data import photographs
 from kinran.data.verdict import told
+from kinran.run.cost_of_a_set import predicted
 from kinran.run.snakemake import run_snakemake
+
+log = logging.getLogger(__name__)
 
 WORK = ".kinran"
 """Folder in OUT with the config, the sheets and the bookkeeping of the run."""
@@ -67,6 +71,8 @@ def prepare(inputs: Inputs, out: Path, options: Options) -> Path:
     """
     distances, out = asdict(options.distances), out.resolve()
     found = inspect(inputs.folder.resolve(), options, options.holdout)
+    for sentence in predicted(found, options):
+        log.info(sentence)
     if inputs.flat:
         check_card(inputs.flat.resolve(), found)
     fabric = re.sub(r"[^a-z0-9_-]+", "-", out.name.lower()).strip("-_") or "fabric"
@@ -95,6 +101,7 @@ def prepare(inputs: Inputs, out: Path, options: Options) -> Path:
             "lamp": options.lamp,
             "lp": str(options.lp.resolve()) if options.lp else "",
             "mask": str(options.mask.resolve()) if options.mask else "",
+            "max_mp": f"{options.max_mp:g}" if options.max_mp else "",
             "flat": str(inputs.flat.resolve()) if inputs.flat else "",
         }
         rows = ["\t".join(row), "\t".join(row.values())]
