@@ -32,5 +32,5 @@ def test_a_region_without_a_lobe_is_joined_as_such() -> None:
     found = choice.measure(replace(with_samples(tried, T=T), truth=truth))
     at = found["costs"]["0.3"]
     assert at["chosen"] == ["one GGX lobe", "lambert"]
-    assert at["bytes"] == pytest.approx(26 * np.mean(~matte) + 6 * np.mean(matte))
+    assert at["bytes"] == pytest.approx(26 * np.mean(~matte) + 10 * np.mean(matte))
     assert at["lost"] < 0.1
