@@ -14,7 +14,7 @@ from kinran.run.config import (
     sheet_of,
 )
 from kinran.run.fabrics import read_fabrics
-from kinran.run import failures, needs, owner, progress, resources, scheduling, void
+from kinran.run import failures, needs, owner, progress, resources, void
 from kinran.base.end_with_run import RUN
 from kinran.base.files import InputError
 from kinran.scene.template import read_template
@@ -61,7 +61,6 @@ stages = {
 }
 # shards of a group are no outputs that Snakemake knows. Where one is gone, what says that it is there goes, too
 if workflow.is_main_process:
-    scheduling.without_rate_limit(workflow)
     logger.addHandler(watch)
     logger.addHandler(progress.Progress(lambda: progress.jobs_of(workflow, predicted)))
     for fabric in fabrics:

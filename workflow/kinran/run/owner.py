@@ -32,6 +32,7 @@ import msgspec
 from kinran.base.end_with_run import JOBS
 from kinran.base.files import InputError
 from kinran.run.fabrics import Fabrics
+from kinran.run.scheduling import without_rate_limit
 
 FILE = JOBS.with_name("kinran.run")
 """File that the owner locks, and in which it is described."""
@@ -111,6 +112,7 @@ def guard(workflow: Any, listed: Fabrics, place: Path, error: type[Exception]) -
 
     @wraps(execute)
     def owning(*args: Any, **options: Any) -> Any:
+        without_rate_limit(workflow)
         try:
             if not workflow.is_main_process:
                 jobs = workflow.dag_settings.target_jobs
