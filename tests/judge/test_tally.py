@@ -96,6 +96,16 @@ def test_texels_that_glow_where_their_photograph_does_not(stack: Stack, whole: H
     assert tally.errors()["texels_above_white"] == pytest.approx(10 / (HEIGHT * WIDTH), abs=1e-6)
 
 
+def test_without_a_sound_sample_nothing_is_wrong(whole: HeldOut) -> None:
+    """All held-out photographs are saturated, say: the errors are numbers all the same."""
+    seen = Survey(whole.lights, whole.share, whole.peak, whole.truth.mean((1, 2, 3)))
+    tally = Tally(seen, REGIONS)
+    nothing = replace(whole, truth=np.zeros_like(whole.truth), valid=np.zeros_like(whole.valid))
+    tally.add(nothing, whole.truth + 9, np.zeros(HEIGHT * WIDTH, int))
+    found = tally.errors()
+    assert (found["relative_error"], found["texel_median"], found["texels_above_white"]) == (0, 0, 0)
+
+
 @pytest.mark.parametrize("step", [1, 3, 200])
 def test_means_of_blocks_that_tiles_cut(stack: Stack, step: int) -> None:
     images = np.random.default_rng(2).random((2, HEIGHT, WIDTH, 3)).astype(np.float32)

@@ -10,6 +10,8 @@ from stages import make_stack
 from kinran.base.encoding import parse
 from kinran.base.files import InputError, read_json, write_json
 from kinran.capture import ingest, ingest_group
+from kinran.data.radiance import Radiance
+from kinran.judge import relight
 
 HEIGHT, WIDTH = 31, 44
 CODES = np.random.default_rng(0).integers(5, 250, (4, HEIGHT, WIDTH, 3)).astype(np.uint8)
@@ -50,6 +52,20 @@ def test_enough_megapixels_change_nothing(tmp_path: Path) -> None:
     value = read_json(plan)
     assert "average" not in value  # as of plans that were made before
     write_json(plan, value)
+
+
+def test_less_than_a_texel_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"--max-mp 1e-07: leaves no texel of 44x31 pixels"):
+        stack_of(tmp_path, ingest.Options(fabric="set", max_mp=1e-7))
+
+
+def test_a_relit_picture_is_compared_with_averages() -> None:
+    """Those that its material was made from; of a material of all pixels, with the photograph itself."""
+    light = np.random.default_rng(1).random((HEIGHT, WIDTH, 3)).astype(np.float32)
+    averaged = relight._made_from(Radiance.unflagged(light), (HEIGHT // 3, WIDTH // 3, 3))
+    assert averaged.shape == (HEIGHT // 3, WIDTH // 3, 3)
+    np.testing.assert_allclose(averaged[2, 5], light[6:9, 15:18].mean((0, 1)), rtol=1e-5)
+    np.testing.assert_array_equal(relight._made_from(Radiance.unflagged(light), light.shape), light)
 
 
 @pytest.mark.parametrize("max_mp", [0.0, -3.0, float("nan")])

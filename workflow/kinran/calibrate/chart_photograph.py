@@ -9,6 +9,7 @@ import numpy as np
 from kinran.base.encoding import Encoding, parse
 from kinran.bracket.response_curve import Curve
 from kinran.calibrate.chart_colours import fit_colours
+from kinran.data.block_average import average
 from kinran.data.calibration import Calibration
 from kinran.data.photographs import read as read_photograph
 from kinran.data.picture_kind import is_raw
@@ -72,12 +73,9 @@ def _read(path: Path, calibration: Calibration) -> Radiance:
 
 
 def _smaller(picture: Radiance, step: int) -> Radiance:
-    """Return the means of blocks from the top left, flagged where one of their pixels is."""
+    """Return the means of blocks from the top left."""
     height, width = (side // step * step for side in picture.value.shape[:2])
-    blocks = (height // step, step, width // step, step, 3)
-    whole = picture[len(picture.value) - height :, :width]
-    flags = np.bitwise_or.reduce(np.bitwise_or.reduce(whole.flags.reshape(blocks), 3), 1)
-    return Radiance(whole.value.reshape(blocks).mean((1, 3)), flags)
+    return average(picture[len(picture.value) - height :, :width][None], step)[0]
 
 
 def _over(corners: str, step: int) -> str:

@@ -115,14 +115,17 @@ def averaged(part: photographs.Crop | None, size: tuple[int, int], max_mp: float
     Raises
     ------
     InputError
-        The number of megapixels is not positive.
+        The number of megapixels is not positive, or less than a texel.
     """
     if max_mp is None:
         return 1
     if not max_mp > 0:
         raise InputError(f"--max-mp {max_mp:g}: is no number of megapixels; give one such as 6")
     width, height = (part.width, part.height) if part else size
-    return max(1, math.ceil(math.sqrt(width * height * 1e-6 / max_mp) - 1e-9))
+    pixels = max(1, math.ceil(math.sqrt(width * height * 1e-6 / max_mp) - 1e-9))
+    if pixels > min(width, height):
+        raise InputError(f"--max-mp {max_mp:g}: leaves no texel of {width}x{height} pixels; give more")
+    return pixels
 
 
 def inspect(folder: Path, known: Known, holdout: int) -> PhotographSet:

@@ -5,6 +5,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+ROUNDS = 10
+"""Rounds of reweighting. A choice."""
+LEAST = 0.003
+"""Residual in values that every residual counts for at least in the weights: that of 8 bits, rounded up."""
+STEEPEST = 1e-3
+"""Light at which the slope of an encoding is taken for darker values, since it grows without bound: a choice."""
+
 
 def solve(weight: Array, y: Array, lights: Array) -> Array:
     """Solve weighted least squares of light y (texel, light) over directions (light, 3); (texel, 3)."""
@@ -43,11 +50,3 @@ def fit_codes(codes: Array, use: Array, lights: Array, exponent: float) -> tuple
         off = np.maximum(np.abs(codes - seen ** (1 / exponent)), LEAST)
         scaled = solve(use * ((seen > 0) * slope / off + 1e-9), light, lights)
     return scaled, np.maximum(scaled @ lights.T, 0) ** (1 / exponent)
-
-
-ROUNDS = 10
-"""Rounds of reweighting. A choice."""
-LEAST = 0.003
-"""Residual in values that every residual counts for at least in the weights: that of 8 bits, rounded up."""
-STEEPEST = 1e-3
-"""Light at which the slope of an encoding is taken for darker values, since it grows without bound: a choice."""

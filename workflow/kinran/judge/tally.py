@@ -44,9 +44,9 @@ class Tally:
         for total, values in zip((self._shown, self._sound, self._error, self._energy), by_texel, strict=True):
             total += values @ inside
         white = (valid > 0) & (predicted > np.maximum(1, BRIGHTER * truth))
-        self._white.append(white.any((0, -1)).reshape(-1))
         wrong, bright = (self._share @ values for values in by_texel[2:])
         known = by_texel[1].any(0)
+        self._white.append(white.any((0, -1)).reshape(-1)[known])
         self._texels.append(np.sqrt(wrong / np.maximum(bright, 1e-12)).astype(np.float32)[known])
 
     def errors(self) -> dict[str, Any]:
@@ -62,13 +62,15 @@ class Tally:
                 "psnr_min": round(float(decibels[:, k].min()), 3),
             }
 
-        texels = np.concatenate(self._texels)
+        texels, white = np.concatenate(self._texels), np.concatenate(self._white)
+        if not len(texels):  # no sample is sound: nothing is known to be wrong
+            texels, white = np.zeros(1, np.float32), np.zeros(1, bool)
         return {
             **over(0),
             "texel_median": round(float(np.median(texels)), 5),
             "texel_p95": round(float(np.percentile(texels, 95)), 5),
             "texels_above_1": round(float((texels > 1).mean()), 6),
-            "texels_above_white": round(float(np.concatenate(self._white).mean()), 6),
+            "texels_above_white": round(float(white.mean()), 6),
             "regions": {r.name: {**over(k), "texels": r.texels} for k, r in enumerate(self._regions, 1)},
             "lights": {
                 light.name: {
