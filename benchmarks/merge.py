@@ -20,7 +20,7 @@ import imagecodecs
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import merge_accuracy, merge_real
+from benchmarks import merge_accuracy, merge_black, merge_real
 from benchmarks.merge_accuracy import BLACK, CLIP, RESPONSE, SECONDS, sixteen_bit
 from kinran.base.exr import read_exr, write_rgb
 from kinran.base.files import sha256, write_json
@@ -60,6 +60,7 @@ def main(args: argparse.Namespace) -> None:
     rows, columns = _size(args.megapixels)
     results: dict[str, Any] = {"machine": machine(), "accuracy": merge_accuracy.measure(args.sites)}
     with tempfile.TemporaryDirectory(prefix="kinran-bench-", dir=Path.cwd()) as folder:
+        results["black"] = merge_black.measure(Path(folder), rows, columns)
         results["speed"] = speed(Path(folder), rows, columns)
         results["memory"] = memory(Path(folder), rows, columns)
         results["tile"] = tile(Path(folder), rows // 2, columns // 2)
@@ -102,8 +103,8 @@ def speed(folder: Path, rows: int, columns: int) -> dict[str, Any]:
     """CPU seconds of one light: of the estimator, of OpenCV's, and of the parts of a merge job."""
     sites = expose_fast(scene(rows, columns))
     planes = np.stack([sites[:, y::2, x::2] for y, x in ((0, 0), (0, 1), (1, 0), (1, 1))], 1)
-    black, seconds = np.full((5, 4), float(BLACK)), np.repeat(SECONDS[:, None], rows // 2, 1)
-    estimate_rows(planes[:, :, :4], black, seconds[:, :4], RESPONSE, 0, 4)
+    black, seconds = np.full((5, 4, rows // 2), float(BLACK)), np.repeat(SECONDS[:, None], rows // 2, 1)
+    estimate_rows(planes[:, :, :4], black[..., :4], seconds[:, :4], RESPONSE, 0, 4)
     ours = cpu(lambda: estimate_rows(planes, black, seconds, RESPONSE, 0, rows // 2))
     samples = rows * columns / 1e6
     found: dict[str, Any] = {
@@ -122,7 +123,7 @@ def _job(folder: Path, sites: NDArray[np.uint16], planes: NDArray[np.uint16]) ->
     frames = tuple(Frame(Path(f"{rate}.dng"), 1 / rate) for rate in RATES)
     shot = Taken("light", "light", 0, None, None, frames)
     nominal, black = np.array([1 / rate for rate in RATES]), np.full(5, float(BLACK))
-    bracket = Bracket(shot, planes, np.repeat(black[:, None], 4, 1), None, nominal, 4095.0, 0, frames)
+    bracket = Bracket(shot, planes, np.repeat(black[:, None], 4, 1), None, None, nominal, 4095.0, 0, frames)
     picture = merge_bracket(bracket, camera)
     merging = cpu(lambda: merge_bracket(bracket, camera))
     files = {kind: [folder / f"{kind}_{k}.dng" for k in RATES] for kind in ("lossless", "plain")}
@@ -306,6 +307,7 @@ def table(results: dict[str, Any]) -> str:
         if name != "crb":
             lines.append(f"{name:30}" + "".join(f"{_cell(found[d]):>24}" for d in decades))
     lines += [f"{name}: {note}" for name, note in results["accuracy"]["left_out"].items()]
+    lines += ["", *merge_black.table(results["black"])]
     for part in ("speed", "memory", "tile", "real"):
         if part in results:
             lines += ["", part, *(f"  {key:38} {_text(value)}" for key, value in results[part].items())]

@@ -75,7 +75,7 @@ def merge_band(folder: Path, band: int) -> tuple[Array, Array, tuple[Exposure, .
     times = [time_in_name(path.stem) for path in paths]
     frames = np.stack([tifffile.imread(path) for path in paths]).astype(np.uint16)
     planes = frames[:, None]
-    black = np.zeros((len(times), 1))
+    black = np.zeros((len(times), 1, planes.shape[2]))
     rough = Response(254 / MARGIN, 0.01, 0.3)
     # as photographs are taken: the frames were scaled by their author, so that sites beside saturated ones mix
     three = np.repeat(planes, 3, 1)

@@ -28,7 +28,7 @@ def bracket(electrons: np.ndarray, seed: int = 0) -> Bracket:
     frames = tuple(Frame(Path(f"{rate}.dng"), 1 / rate) for rate in RATES)
     shot = Taken("shot", "light", 0, None, None, frames)
     nominal = np.array([1 / rate for rate in RATES])
-    return Bracket(shot, planes, np.full((5, 4), float(BLACK)), None, nominal, 4095.0, 0, frames)
+    return Bracket(shot, planes, np.full((5, 4), float(BLACK)), None, None, nominal, 4095.0, 0, frames)
 
 
 def cloth() -> np.ndarray:

@@ -117,7 +117,7 @@ def test_the_ratio_of_two_exposures_is_unbiased() -> None:
     """≤ 0.05 % from 10⁵ sites by choosing on one green and measuring on the other."""
     rng = np.random.default_rng(6)
     electrons = np.repeat(10 ** rng.uniform(3, 8, (1, 300, 400)), 4, 0)
-    planes, black = expose(electrons, SECONDS, rng), np.full((5, 4), 256.0)
+    planes, black = expose(electrons, SECONDS, rng), np.full((5, 4, 300), 256.0)
     for longer in range(4):
         top, bottom, sites = ratio_sums(planes, black, longer, RESPONSE.clip).sum(0)
         assert sites > 20_000

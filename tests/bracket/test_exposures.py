@@ -49,7 +49,7 @@ def planes(banding: float = 0.0, seed: int = 0) -> np.ndarray:
 
 def test_the_curtain_is_found_where_there_is_one() -> None:
     """3 % from the middle to the edge, to 0.4 %; none where there is none."""
-    black = np.full((5, 4), 256.0)
+    black = np.full((5, 4, 96), 256.0)
     even, banded = planes(), planes(0.03)
     for longer in range(4):
         assert curtain_of(ratio_sums(even, black, longer, RESPONSE.clip), RESPONSE) == ()
@@ -59,7 +59,7 @@ def test_the_curtain_is_found_where_there_is_one() -> None:
 
 def test_noise_from_any_scene() -> None:
     """Gain to 3 %, read noise to 5 %, from a scene with edges; of one frame to 15 % where it is smooth."""
-    bracket, black = planes(), np.full((5, 4), 256.0)
+    bracket, black = planes(), np.full((5, 4, 96), 256.0)
     seconds = np.repeat(np.array(list(TRUE.values()))[:, None], 96, 1)
     gain, read, coding = measure_noise(bracket, black, seconds, RESPONSE.clip)
     assert gain == pytest.approx(GAIN, rel=0.03)

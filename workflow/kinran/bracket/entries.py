@@ -11,7 +11,7 @@ from kinran.data.calibration import Response
 
 def compile_all(exposures: int) -> None:
     """Compile them into Numba's cache, the loop over exposures for that number of frames in a bracket."""
-    planes, black = np.zeros((max(exposures, 2), 4, 1, 1), np.uint16), np.zeros((max(exposures, 2), 4))
+    planes, black = np.zeros((max(exposures, 2), 4, 1, 1), np.uint16), np.zeros((max(exposures, 2), 4, 1))
     seconds = np.ones((len(planes), 1))
     sites = estimate_rows(planes[:exposures], black[:exposures], seconds[:exposures], Response(1000, 1, 1), 0, 1)
     rate, flags = np.zeros((1, 1, 3), np.float32), np.zeros((1, 1, 3), np.uint8)

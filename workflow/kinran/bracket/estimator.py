@@ -88,7 +88,7 @@ def estimate(counts: Counts, black: Array, seconds: Array, response: Response) -
     """
     order = np.argsort(-seconds, kind="stable")
     planes = np.ascontiguousarray(counts[order]).reshape(len(seconds), 1, 1, -1)
-    merged = estimate_rows(planes, black[order, None], seconds[order, None], response, 0, 1)
+    merged = estimate_rows(planes, black[order, None, None], seconds[order, None], response, 0, 1)
     shape = counts.shape[1:]
     return Merged(merged.rate.reshape(shape), merged.sigma.reshape(shape), merged.apart.reshape(shape))
 
@@ -100,8 +100,8 @@ def estimate_rows(planes: Counts, black: Array, seconds: Array, response: Respon
     ----------
     planes : (exposure, plane, y, x) uint16
         Counts of the sites.
-    black : (exposure, plane) float
-        Black levels in counts.
+    black : (exposure, plane, y) float
+        Black levels of each row in counts.
     seconds : (exposure, y) float
         True shutter times of each row in seconds.
     response
@@ -141,13 +141,14 @@ def _kernel(n: int) -> Callable[..., None]:
         for k in range(rate.shape[0]):
             for row in range(rate.shape[1]):
                 y = start + row
+                level = black[:, k, y]
                 for x in range(rate.shape[2]):
-                    shortest = np.float32(counts[last, k, y, x]) - black[last, k]
+                    shortest = np.float32(counts[last, k, y, x]) - level[last]
                     unsaturated = one if shortest < clip else zero
                     signal, time = unsaturated * shortest, unsaturated * seconds[last, y]
                     for j in range(last):
                         i = last - 1 - j
-                        value = np.float32(counts[i, k, y, x]) - black[i, k]
+                        value = np.float32(counts[i, k, y, x]) - level[i]
                         below = (max(signal, zero) * seconds[i, y] < knee * time) & (value < knee)
                         weight = one if below else zero
                         signal += weight * value
@@ -155,7 +156,7 @@ def _kernel(n: int) -> Callable[..., None]:
                     predicted = max(signal, zero) / (time + tiny)
                     top, bottom, apartness = zero, zero, zero
                     for i in range(n):
-                        value = np.float32(counts[i, k, y, x]) - black[i, k]
+                        value = np.float32(counts[i, k, y, x]) - level[i]
                         expected = predicted * seconds[i, y]
                         weight = unsaturated
                         if i < last:
@@ -183,8 +184,8 @@ def ratio_sums(planes: Counts, black: Array, longer: int, clip: float) -> Array:
     ----------
     planes : (exposure, plane, y, x) uint16
         Longest exposure first; four planes of a Bayer sensor, or three of photographs, whose only green does both.
-    black : (exposure, plane) float
-        Black levels in counts.
+    black : (exposure, plane, y) float
+        Black levels of each row in counts.
     longer
         Index of the exposure that is compared with the next shorter one.
     clip
@@ -199,13 +200,13 @@ def ratio_sums(planes: Counts, black: Array, longer: int, clip: float) -> Array:
     sums = np.zeros((planes.shape[2], 3))
     bayer = planes.shape[1] == 4
     for chosen, measured in ((1, 2), (2, 1)) if bayer else ((1, 1),):
-        a, b = black[longer, [chosen, measured]]
+        a, b = black[longer, [chosen, measured]].mean(1)
         levels = np.ceil([a + 0.05 * clip, a + 0.8 * clip, b + 0.97 * clip]).clip(0, 65535).astype(np.uint16)
         choosing = planes[longer, chosen] if bayer else guarded(planes[longer, chosen], float(levels[2]))
         found = np.zeros((planes.shape[2], 3), np.int64)
         _ratio_sums(choosing, planes[longer, measured], planes[longer + 1, measured], levels, found)
         sums += found
-        sums[:, :2] -= found[:, 2:] * [b, black[longer + 1, measured]]
+        sums[:, :2] -= found[:, 2:] * black[[longer, longer + 1], measured].T
     return sums
 
 

@@ -158,6 +158,7 @@ def write(path: Path, merged: Radiance, bracket: Bracket, camera: CalibratedCame
     channels |= {f"sigma.{name}": np.asarray(sigma[..., k] / unit, np.float32) for k, name in enumerate("RGB")}
     channels["flags"] = np.bitwise_or.reduce(flags, axis=-1).astype(np.float32)
     longest = camera.exposures[0]
+    levels = np.array(camera.black) + (bracket.mask if camera.masked else np.zeros((len(bracket.nominal_s), 1)))
     header: dict[str, object] = {
         "expTime": float(longest.seconds),
         "kinran:unit": "white per second" if encoding else "counts over black per second",
@@ -171,7 +172,7 @@ def write(path: Path, merged: Radiance, bracket: Bracket, camera: CalibratedCame
                 "read_counts": camera.response.read,
                 "relative_coding": camera.response.coding,
                 "saturation_counts": camera.response.saturation,
-                "black_counts": bracket.black.tolist() if bracket.mask is None else bracket.mask.tolist(),
+                "black_counts": levels.round(3).tolist(),
             }
         ),
     }

@@ -45,8 +45,8 @@ def measure_noise(planes: Counts, black: Array, seconds: Array, clip: float) -> 
     ----------
     planes : (exposure, plane, y, x) uint16
         Longest exposure first.
-    black : (exposure, plane) float
-        Black levels in counts.
+    black : (exposure, plane, y) float
+        Black levels of each row in counts.
     seconds : (exposure, y) float
         True times in seconds.
     clip
@@ -60,9 +60,9 @@ def measure_noise(planes: Counts, black: Array, seconds: Array, clip: float) -> 
     some = planes[:, :, ::step, ::step]
     for k in range(len(planes) - 1):
         r = (seconds[k + 1] / seconds[k])[::step]
-        longer = some[k] - black[k, :, None, None]
+        longer = some[k] - black[k, :, ::step, None]
         predicted = longer * r[:, None]
-        difference = some[k + 1] - black[k + 1, :, None, None] - predicted
+        difference = some[k + 1] - black[k + 1, :, ::step, None] - predicted
         open_ = (longer < 0.9 * clip) & (longer > -0.01 * clip)
         cut = np.minimum(some[k], some[k + 1]) == 0
         for level, variance, count in _bins(predicted[open_], difference[open_], cut[open_]):
@@ -112,7 +112,7 @@ def _from_neighbours(planes: Counts, black: Array, clip: float, least: Array) ->
     one, other = (planes[1], planes[2]) if len(planes) == 4 else (planes[1, :, ::2][:, :-1], planes[1, :, 1::2])
     width = min(one.shape[1], other.shape[1])
     pair = np.stack([one[:, :width], other[:, :width]]).reshape(2, -1)
-    mean, difference = (pair - black[1]).mean(0), pair[0].astype(float) - pair[1]
+    mean, difference = (pair - black[1].mean()).mean(0), pair[0].astype(float) - pair[1]
     open_ = mean < 0.9 * clip
     found = _bins(mean[open_], difference[open_], (pair.min(0) == 0)[open_])
     rows = np.array([[2 * max(level, 0.0), 2.0, 0.0] for level, _, _ in found])

@@ -79,6 +79,9 @@ class Bracket:
     mask : (exposure, plane) float or None
         Levels in counts under the border of the sensor: the mean of all sites in each frame, and what each kind differs
         by in the mean of all frames, as it does not change; None where a frame has no border.
+    drift : (exposure, plane, y) float or None
+        What the level under the border differs by in each row of each frame; None where frames have no border, or were
+        turned by a quarter.
     nominal_s : (exposure,) float
         Nominal shutter times in seconds.
     white
@@ -93,6 +96,7 @@ class Bracket:
     planes: NDArray[np.uint16]
     black: NDArray[np.float64]
     mask: NDArray[np.float64] | None
+    drift: NDArray[np.float64] | None
     nominal_s: NDArray[np.float64]
     white: float
     orientation: int = UPRIGHT
@@ -209,6 +213,7 @@ def read_bracket(shot: Taken, decoder: Encoding | Curve | None = None, crop: Cro
         planes,
         np.array([frame.black for frame in frames]),
         _under_mask([frame.mask for frame in frames]),
+        _drift([frame.drift for frame in frames]),
         np.array([frame.nominal_s for frame in ordered]),
         frames[0].white,
         frames[0].orientation,
@@ -225,6 +230,11 @@ def _under_mask(masks: Sequence[NDArray[np.float64] | None]) -> NDArray[np.float
     return np.asarray(common + (levels - common).mean(0))
 
 
+def _drift(drifts: Sequence[NDArray[np.float64] | None]) -> NDArray[np.float64] | None:
+    found = [drift for drift in drifts if drift is not None]
+    return np.array(found) if len(found) == len(drifts) else None
+
+
 def _cut(raw: RawFrame, crop: Crop | None, path: Path) -> RawFrame:
     """Return a part of a RAW frame; the crop is in superpixels."""
     if crop is None:
@@ -235,7 +245,8 @@ def _cut(raw: RawFrame, crop: Crop | None, path: Path) -> RawFrame:
             f"{path}: is {width}x{height} superpixels, too small for the crop {crop}; choose a smaller one"
         )
     rows = slice(height - crop.y - crop.height, height - crop.y)
-    return replace(raw, planes=raw.planes[:, rows, crop.x : crop.x + crop.width])
+    drift = None if raw.drift is None else raw.drift[:, rows]
+    return replace(raw, planes=raw.planes[:, rows, crop.x : crop.x + crop.width], drift=drift)
 
 
 def _same(path: Path, raw: RawFrame, first_path: Path, first: RawFrame, shape: tuple[int, ...]) -> None:
@@ -271,6 +282,7 @@ def _photographs(shot: Taken, ordered: list[Frame], decoder: Encoding | Curve, c
         shot,
         planes,
         np.zeros((len(ordered), 3)),
+        None,
         None,
         np.array([frame.nominal_s for frame in ordered]),
         white * FULL,
@@ -312,7 +324,7 @@ def check_kind(paths: Sequence[Path]) -> None:
 
 def light_of(bracket: Bracket, black: NDArray[np.float64], exposure: int) -> Image:
     """Return the counts over black (2, y, x) of the green sites of one exposure; `black` is that of `site_black`."""
-    return bracket.planes[exposure, 1:3].astype(np.float32) - black[exposure, 1:3, None, None].astype(np.float32)
+    return bracket.planes[exposure, 1:3].astype(np.float32) - black[exposure, 1:3, :, None].astype(np.float32)
 
 
 def read_shot(shot: Taken, calibration: Calibration) -> Bracket:

@@ -169,7 +169,7 @@ def mislabelled(bracket: Bracket, black: Array, longer: int, times: float) -> In
     Where the histograms of the two agree, though not their sites, it is the error of a picture that has moved.
     """
     expected = bracket.nominal_s[longer] / bracket.nominal_s[longer + 1]
-    ranked = [np.sort(bracket.planes[k, 1].ravel()[::3]) - black[k, 1] for k in (longer, longer + 1)]
+    ranked = [np.sort(bracket.planes[k, 1].ravel()[::3]) - black[k, 1].mean() for k in (longer, longer + 1)]
     use = (ranked[0] > 0.05 * ranked[0][-1]) & (ranked[0] < 0.8 * ranked[0][-1])
     alike = ranked[0][use].sum() / max(ranked[1][use].sum(), 1.0) / expected
     if use.any() and abs(alike - 1) < MISLABELLED:
@@ -223,7 +223,7 @@ def _check(bracket: Bracket, black: Array, seconds: Array, below: float, apart: 
 
 def _outlier(bracket: Bracket, black: Array, seconds: Array) -> int:
     """Return the exposure that differs most from the median of all, on the green sites."""
-    rates = (bracket.planes[:, 1] - black[:, 1, None, None]) / seconds[:, :, None]
+    rates = (bracket.planes[:, 1] - black[:, 1, :, None]) / seconds[:, :, None]
     lit = bracket.planes[:, 1] < 0.9 * bracket.planes.max()
     some = lit.any(0)
     rates, lit = rates[:, some], lit[:, some]

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from kinran.base.encoding import Encoding, parse
 from kinran.base.files import InputError
-from kinran.bracket.black_level import masked_border, site_black
+from kinran.bracket.black_level import fitted_black, masked_border, site_black
 from kinran.bracket.estimator import guarded
 from kinran.bracket.exposures import discrepancy, measure, row_seconds, third_stop
 from kinran.bracket.noise import measure_noise
 from kinran.bracket.response_curve import CODES, Curve, recover
 from kinran.bracket.shots import FULL, MISLABELLED, Bracket, check_kind, read_codes
 from kinran.bracket.superpixels import mislabelled
-from kinran.data.calibration import MARGIN, CalibratedCamera, Response
+from kinran.data.calibration import MARGIN, CalibratedCamera, Exposure, Response
 from kinran.data.photographs import CLIPPED, Crop
 
 Array = NDArray[np.float64]
@@ -65,7 +65,14 @@ def describe(brackets: Sequence[Bracket]) -> CalibratedCamera:
     saturation = saturation_of(brackets)
     rough = Response(saturation, saturation / 30_000, max(1.0, 1e-4 * saturation))
     nominal = [float(value) for value in first.nominal_s]
-    exposures = measure([b.planes for b in brackets], blacks, nominal, [third_stop(value) for value in nominal], rough)
+    stops, counts = [third_stop(value) for value in nominal], [bracket.planes for bracket in brackets]
+    exposures = measure(counts, blacks, nominal, stops, rough)
+    if first.bayer and not masked:
+        fitted = fitted_black(brackets, blacks, _row_seconds(exposures, first), rough.clip)
+        if fitted is not None:
+            stated = tuple(fitted.tolist())
+            blacks = [site_black(bracket, stated, masked) for bracket in brackets]
+            exposures = measure(counts, blacks, nominal, stops, rough)
     for k in range(len(exposures) - 1):
         off = discrepancy(exposures, k)
         if abs(off) > MISLABELLED:
@@ -77,10 +84,15 @@ def describe(brackets: Sequence[Bracket]) -> CalibratedCamera:
                 1 + off,
                 nominal[k + 1],
             )
-    rows = row_seconds([e.seconds for e in exposures], [e.curtain for e in exposures], first.planes.shape[2])
+    rows = _row_seconds(exposures, first)
     noises = [measure_noise(b.planes, black, rows, rough.clip) for b, black in zip(brackets[:4], blacks, strict=False)]
     gain, read, coding = (float(np.median(part)) for part in zip(*noises, strict=True))
     return CalibratedCamera(stated, masked, Response(saturation, gain, read, coding), exposures, bad=())
+
+
+def _row_seconds(exposures: Sequence[Exposure], bracket: Bracket) -> Array:
+    """Return the true times (exposure, y) of the rows of a bracket."""
+    return row_seconds([e.seconds for e in exposures], [e.curtain for e in exposures], bracket.planes.shape[2])
 
 
 def saturation_of(brackets: Sequence[Bracket]) -> float:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinran.base.encoding import Encoding, parse
 from kinran.bracket.response_curve import Curve
@@ -14,7 +15,7 @@ from kinran.data.calibration import Calibration
 from kinran.data.photographs import read as read_photograph
 from kinran.data.picture_kind import is_raw
 from kinran.data.radiance import SATURATED, Radiance
-from kinran.data.raw import read_raw
+from kinran.data.raw import RawFrame, read_raw
 
 LARGEST = 1200
 """Most pixels along the longer side of the picture of a chart: the detector's time grows with them."""
@@ -59,7 +60,7 @@ def _read(path: Path, calibration: Calibration) -> Radiance:
     """Read light (y, x, 3) in the stack's RGB, on any scale; row 0 is the bottom."""
     if is_raw(path):
         raw = read_raw(path).upright()
-        sites = raw.planes.astype(np.float32) - raw.black[:, None, None].astype(np.float32)
+        sites = raw.planes.astype(np.float32) - _black(raw, calibration)[:, None, None].astype(np.float32)
         light = np.stack([sites[0], (sites[1] + sites[2]) / 2, sites[3]], -1)
         full = calibration.camera.response.clip if calibration.camera else raw.white - float(raw.black.mean())
         over = np.stack([sites[0], np.maximum(sites[1], sites[2]), sites[3]], -1) > full
@@ -70,6 +71,14 @@ def _read(path: Path, calibration: Calibration) -> Radiance:
         picture = picture.with_value(np.asarray(decoder.decode(picture.value), np.float32))
     white = np.array(calibration.camera.white, np.float32) if calibration.camera else np.ones(3, np.float32)
     return picture.with_value(picture.value / (white / white[1]))
+
+
+def _black(raw: RawFrame, calibration: Calibration) -> NDArray[np.float64]:
+    """Return the black levels (4,) of a chart's RAW file: those of the set's camera, if that has been measured."""
+    camera = calibration.camera
+    if camera is None or len(camera.black) != len(raw.black) or (camera.masked and raw.mask is None):
+        return raw.black
+    return np.array(camera.black) + (raw.mask if camera.masked and raw.mask is not None else 0.0)
 
 
 def _smaller(picture: Radiance, step: int) -> Radiance:

@@ -37,7 +37,7 @@ def measure_dark(dark: Bracket, masked: bool) -> tuple[tuple[float, float, float
         The frames are not dark, or their read noise is not plausible.
     """
     offset = site_black(dark, (0.0,) * 4, masked)
-    counts = dark.planes - offset[:, :, None, None]
+    counts = dark.planes - offset[..., None]
     middle = np.median(counts[-1])
     spread = 1.4826 * np.median(np.abs(counts[-1] - middle)) + 0.5
     within = np.abs(counts - middle) < HOT_SIGMA * spread
@@ -62,7 +62,7 @@ def measure_saturation(white: Bracket, levels: Array) -> float:
     ----------
     white
         Bracket of the white plate.
-    levels : (exposure, plane)
+    levels : (exposure, plane, y)
         Its black levels in counts.
 
     Raises
@@ -70,7 +70,7 @@ def measure_saturation(white: Bracket, levels: Array) -> float:
     InputError
         The saturation is over the level that the file states.
     """
-    counts = white.planes[0] - levels[0, :, None, None]
+    counts = white.planes[0] - levels[0, ..., None]
     top = counts.max()
     piled = counts[counts > 0.99 * top]
     stated = white.white - float(levels[0].mean())
@@ -92,7 +92,7 @@ def photon_transfer(white: Bracket, black: Array, saturation: float, read: float
     ----------
     white
         Bracket of the white plate.
-    black : (exposure, plane)
+    black : (exposure, plane, y)
         Black levels in counts.
     saturation, read
         Saturation over black, and read noise, in counts.
@@ -157,7 +157,7 @@ def measure_exposures(lit: Sequence[Bracket], blacks: Sequence[Array], response:
 def dead_sites(white: Bracket, black: Array, saturation: float) -> NDArray[np.bool_]:
     """Return the dead sites (4, y, x): those with less than half of their plane's median on the white plate."""
     for k in range(len(white.nominal_s)):
-        counts = white.planes[k] - black[k, :, None, None]
+        counts = white.planes[k] - black[k, ..., None]
         middle = np.median(counts, axis=(1, 2), keepdims=True)
         if middle.max() < 0.9 * saturation:
             return np.asarray(counts < 0.5 * middle)

@@ -12,16 +12,20 @@ from numpy.typing import NDArray
 
 from kinran.base.files import InputError
 from kinran.data.orientation import OF_LIBRAW, UPRIGHT, shown_size, upright
+from kinran.data.sensor_border import read_border
 
 DNG_VERSION = 50706
 BLACK_TAGS = BLACK_REPEAT, BLACK_LEVEL, BLACK_DELTA_H, BLACK_DELTA_V, ACTIVE_AREA = 50713, 50714, 50715, 50716, 50829
 """Tags of DNG (1.7, ch. 4)."""
+CUT_OFF = {"Input/output": "it is cut off", "Unsupported": "it is cut off, or of no camera that LibRaw knows"}
+"""What LibRaw's errors on a RAW file mean: those whose directory is at their end, such as CRW, have none if cut off."""
+APART = 1 / 64
+"""Share of the range by which the black level of a DNG's tags may differ from LibRaw's: a choice. LibRaw's are whole
+numbers, and one for all rows; more than that, and one of both has read the file wrongly."""
 REC709_TO_XYZ = np.array(
     [[0.412453, 0.357580, 0.180423], [0.212671, 0.715160, 0.072169], [0.019334, 0.119193, 0.950227]]
 )
 """Linear Rec. 709 to CIE XYZ under D65 (ITU-R BT.709)."""
-LEAST_MASK = 64
-"""Fewest masked sites of a kind on which its black level is measured: their mean has 1/8 of the read noise."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,8 @@ class RawFrame:
         Black level of R, G1, G2, B in counts, as the file states it: a DNG's to a fraction, else LibRaw's.
     mask : (4,) float or None
         Mean of each kind of site in counts under the border of the sensor, which may not be masked; None without one.
+    drift : (4, y) float or None
+        What the level under the border differs by in each row; None without one, and of planes whose rows were columns.
     white
         Saturation level in counts of the file, which is often wrong.
     seconds
@@ -49,6 +55,7 @@ class RawFrame:
     planes: NDArray[np.uint16]
     black: NDArray[np.float64]
     mask: NDArray[np.float64] | None
+    drift: NDArray[np.float64] | None
     white: float
     seconds: float
     iso: float = 0.0
@@ -57,9 +64,14 @@ class RawFrame:
 
     def upright(self) -> "RawFrame":
         """Return the frame with planes that lie as the picture is shown."""
-        top_first = self.planes[:, ::-1].transpose(1, 2, 0)
-        shown = upright(top_first, self.orientation)[::-1].transpose(2, 0, 1)
-        return replace(self, planes=np.ascontiguousarray(shown), orientation=UPRIGHT)
+
+        def shown(planes: NDArray[Any]) -> NDArray[Any]:
+            top_first = planes[:, ::-1].transpose(1, 2, 0)
+            return np.ascontiguousarray(upright(top_first, self.orientation)[::-1].transpose(2, 0, 1))
+
+        drift = None if self.drift is None else shown(self.drift[..., None])
+        drift = drift[..., 0] if drift is not None and drift.shape[2] == 1 else None
+        return replace(self, planes=shown(self.planes), drift=drift, orientation=UPRIGHT)
 
 
 def raw_size(path: Path) -> tuple[int, int]:
@@ -142,10 +154,13 @@ def read_raw(path: Path) -> RawFrame:
         planes = np.empty((4, height // 2, width // 2), np.uint16)
         for plane, (row, column) in enumerate(sites):
             planes[plane] = full[top + row : top + height : 2, left + column : left + width : 2][::-1]
+        kinds = [((top + row) % 2, (left + column) % 2) for row, column in sites]
+        border = read_border(full, (sizes.top_margin, sizes.left_margin), (top, height), kinds)
         return RawFrame(
             planes,
             _stated_black(path, raw, (top, left), sites),
-            _border(full, sizes, [((top + row) % 2, (left + column) % 2) for row, column in sites]),
+            border.levels if border else None,
+            np.stack([border.drift[row::2][::-1] for row, _ in sites]) if border else None,
             float(raw.white_level),
             raw.other.shutter_speed,
             raw.other.iso_speed,
@@ -189,12 +204,24 @@ def _sites(raw: Any, top: int, left: int) -> list[tuple[int, int]]:
 def _stated_black(
     path: Path, raw: Any, corner: tuple[int, int], sites: Sequence[tuple[int, int]]
 ) -> NDArray[np.float64]:
-    """Return the black level of each kind of site that the file states: a DNG's own, which LibRaw rounds down."""
-    exact = dng_black(path, corner, sites)
-    if exact is not None:
-        return exact
+    """Return the black level of each kind of site that the file states: a DNG's own, which LibRaw rounds down.
+
+    Raises
+    ------
+    InputError
+        They are far from each other.
+    """
     levels = raw.black_level_per_channel
-    return np.array([levels[raw.raw_color(corner[0] + row, corner[1] + column)] for row, column in sites], float)
+    whole = np.array([levels[raw.raw_color(corner[0] + row, corner[1] + column)] for row, column in sites], float)
+    exact = dng_black(path, corner, sites)
+    if exact is None:
+        return whole
+    if np.abs(exact - whole).max() > APART * (raw.white_level - whole.mean()):
+        raise InputError(
+            f"{path}: its tags state black levels of {np.round(exact, 1).tolist()} counts, but LibRaw reads"
+            f" {whole.tolist()}; convert it to DNG again, or give the camera's own files"
+        )
+    return exact
 
 
 def dng_black(path: Path, corner: tuple[int, int], sites: Sequence[tuple[int, int]]) -> NDArray[np.float64] | None:
@@ -254,31 +281,6 @@ def _numbers(tag: Any) -> NDArray[np.float64]:
     return values[::2] / np.maximum(values[1::2], 1) if rational else values
 
 
-def _border(full: NDArray[np.uint16], sizes: Any, sites: Sequence[tuple[int, int]]) -> NDArray[np.float64] | None:
-    """Return the mean of each kind of site above and left of the lit part, where its lines agree.
-
-    Lines at the rim of a sensor, and those beside the picture, are often neither dark nor lit. So a line counts only
-    where its mean is that of the others. Whether the border is dark at all, a bracket alone can tell.
-    """
-    found = []
-    for row, column in sites:
-        above = full[row : sizes.top_margin : 2, column::2]
-        beside = full[sizes.top_margin + (row - sizes.top_margin) % 2 :: 2, column : sizes.left_margin : 2].T
-        lines = [line for part in (above, beside) for line in part if line.size >= LEAST_LINE]
-        if not lines:
-            return None
-        middles = np.array([np.median(line) for line in lines])
-        means = np.array([_middle(line) for line in lines])
-        deviation = 1.4826 * np.median(np.abs(np.concatenate(lines) - np.median(np.concatenate(lines)))) + 0.3
-        allowed = 6 * deviation / np.sqrt([line.size for line in lines]) + ALIKE
-        alike = np.abs(means - np.median(middles)) <= allowed
-        used = np.concatenate([line for line, use in zip(lines, alike, strict=True) if use] or [np.empty(0)])
-        if used.size < LEAST_MASK:
-            return None
-        found.append(_middle(used))
-    return np.array(found)
-
-
 @contextmanager
 def _opened(path: Path, header: bool = False) -> Iterator[Any]:
     """Open a file with LibRaw, whose errors become `InputError`s that name the file; its header alone if asked."""
@@ -292,17 +294,5 @@ def _opened(path: Path, header: bool = False) -> Iterator[Any]:
             yield raw
     except (rawpy.LibRawError, KeyError) as error:
         message = error.args[0].decode() if error.args and isinstance(error.args[0], bytes) else error
-        said = "it is cut off" if "Input/output" in str(message) else message
+        said = next((words for part, words in CUT_OFF.items() if part in str(message)), message)
         raise InputError(f"{path}: cannot be read as RAW ({said}); copy it from the camera again") from None
-
-
-LEAST_LINE = 8
-"""Fewest sites of a kind in a line of the border that has a mean of its own: a choice."""
-ALIKE = 0.5
-"""Difference in counts of two lines' means, beyond their noise, up to which they are alike: a choice."""
-
-
-def _middle(counts: NDArray[np.uint16]) -> float:
-    """Return the mean of counts without hot sites: those over six standard deviations (1.4826 MAD) from the median."""
-    away = np.abs(counts - np.median(counts))
-    return float(counts[away <= 6 * 1.4826 * np.median(away) + 1].mean())

@@ -30,10 +30,11 @@ class Tags:
     ----------
     seconds
         Nominal shutter time in seconds, for EXIF.
-    border
-        Rows at the top that a mask covers.
+    border, columns
+        Rows at the top and columns at the left that a mask covers.
     black, white
-        Levels in counts.
+        Levels in counts; the black one may have a fraction, or be that of each of the first two sites of the first two
+        rows.
     when
         EXIF date, ``YYYY:MM:DD HH:MM:SS``.
     pattern
@@ -46,13 +47,14 @@ class Tags:
 
     seconds: Fraction
     border: int
-    black: int
+    black: float | tuple[float, float, float, float]
     white: int
     when: str
     pattern: tuple[int, int, int, int] = RGGB
     orientation: int = 1
     iso: int = ISO
     aperture: Fraction = APERTURE
+    columns: int = 0
 
 
 def write_dng(path: Path, bayer: NDArray[np.uint16], said: Tags, encoded: bytes | None = None) -> None:
@@ -80,8 +82,8 @@ def write_dng(path: Path, bayer: NDArray[np.uint16], said: Tags, encoded: bytes 
         (33421, "H", 2, (2, 2), True),  # CFARepeatPatternDim
         (33422, "B", 4, bytes(said.pattern), True),  # CFAPattern
         (50711, "H", 1, 1, True),  # CFALayout: rectangular
-        (50829, "I", 4, (said.border, 0, height, width), True),  # ActiveArea
-        (50714, "H", 1, said.black, True),
+        (50829, "I", 4, (said.border, said.columns, height, width), True),  # ActiveArea
+        *_black_tags(said.black),
         (50717, "H", 1, said.white, True),
         (50721, "2i", 9, matrix, True),  # ColorMatrix1
         (50728, "2I", 3, [1, 1, 1, 1, 1, 1], True),  # AsShotNeutral
@@ -108,6 +110,16 @@ def write_dng(path: Path, bayer: NDArray[np.uint16], said: Tags, encoded: bytes 
         with tifffile.TiffWriter(path) as file:
             file.write(iter([encoded]), shape=bayer.shape, dtype=np.uint16, compression=7, **how)
     _append_exif(path, said)
+
+
+def _black_tags(black: float | tuple[float, float, float, float]) -> list[tuple[int, str, int, Any, bool]]:
+    """Return the tags of a black level, or of one for each site of a cell."""
+    if isinstance(black, tuple):
+        parts = [part for level in black for part in Fraction(level).limit_denominator(1000).as_integer_ratio()]
+        return [(50713, "H", 2, (2, 2), True), (50714, "2I", 4, parts, True)]
+    if black == int(black):
+        return [(50714, "H", 1, int(black), True)]
+    return [(50714, "2I", 1, Fraction(black).limit_denominator(1000).as_integer_ratio(), True)]
 
 
 def _append_exif(path: Path, said: Tags) -> None:
