@@ -39,8 +39,8 @@ LEAST_GAIN_DB = 0.3
 """Gain in cross-validated PSNR, dB, that a residual needs to be worth its bytes. A choice: that of a lobe
 (`kinran.fit.candidates.DB_A_BYTE`)."""
 EXACT_DB = 80.0
-"""PSNR, dB, from which a prediction is exact, and no residual worth its bytes: a ten-thousandth of white, about what the
-stack's float16 rounds there."""
+"""PSNR, dB, from which a prediction is exact, and no residual worth its bytes: a ten-thousandth of white, about what
+the stack's float16 rounds there."""
 SURE = 2.0
 """Standard errors, over pairs of lights, from which a gain counts as sure: about one chance in forty. A choice."""
 COMPONENTS = (4, 9, 16)
