@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import fit_memory
+from benchmarks import fit_memory, fit_reading
 from benchmarks.stability import SHOTS
 from benchmarks.texels import spread
 from kinran.base import frames
@@ -131,6 +131,8 @@ def main(args: argparse.Namespace) -> None:
     few = [_few(scene, n) for n in (300, 100, 50, 30)]
     exposures = [_exposures(scene, samples, kept) for kept in (5, 4, 3, 2)]
     threads, whole_map = _scaling(samples), _whole_map(scene)
+    side = FABRIC.texels
+    reading = fit_reading.measure(scene.seen.reshape(len(scene.lights), side, side, 3), scene.lights)
     log.info("bench fit: memory at ten megapixels")
     memory = fit_memory.measure()
     claims = _claims(rows, whole_map, memory)
@@ -144,6 +146,7 @@ def main(args: argparse.Namespace) -> None:
         "few_exposures": exposures,
         "wall_microseconds_by_threads": threads,
         "whole_map": whole_map,
+        "microseconds_of_reading_a_stack": reading,
         "memory": memory,
         "claims": claims,
         "peak_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
@@ -151,7 +154,7 @@ def main(args: argparse.Namespace) -> None:
     write_json(args.out, result)
     for row in rows:
         print(f"{row['name']:36s} {row['curve_fit_ratio']:8g} x curve_fit {row['four_steps_ratio']:8g} x four steps")
-    for key in ("wall_microseconds_by_threads", "whole_map", "memory"):
+    for key in ("wall_microseconds_by_threads", "whole_map", "microseconds_of_reading_a_stack", "memory"):
         print(f"{key}: {result[key]}")
     for claim in claims:
         relation, met = ("at least" if claim["least"] else "at most"), ("met" if claim["met"] else "missed")

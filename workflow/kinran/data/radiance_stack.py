@@ -25,12 +25,11 @@ from kinran.base.checksums import json_line
 from kinran.base.files import InputError, atomic, on_disk, read_json
 from kinran.data.light import Light as Light
 from kinran.data.radiance import HOT, OUTSIDE, SATURATED, Flags, Radiance
+from kinran.data.shard_file import CHUNK as CHUNK
+from kinran.data.shard_file import Box as Box
+from kinran.data.shard_file import as_declared, read_box, write_shard
 from kinran.data.shards import NAMES, SHARD, shard_path
 
-Box = tuple[int, int, int, int]
-
-CHUNK = 64
-"""Side of a chunk in texels: a fit reads one chunk at a time."""
 LARGEST = float(np.finfo(np.float16).max)
 """Largest value that a stack holds."""
 
@@ -90,7 +89,7 @@ class Stack(Metadata):
 
     path: Path
     unit: str
-    _arrays: tuple[Any, Any]
+    _ours: frozenset[str]
 
     @classmethod
     def open(cls, path: Path) -> "Stack":
@@ -101,19 +100,14 @@ class Stack(Metadata):
         InputError
             The folder is not a stack, or its metadata are damaged.
         """
-        import zarr
-
         if not (path / "zarr.json").is_file():
             raise InputError(f"{path}: is no radiance stack; make it with `kinran stack`")
-        for name in (".", *NAMES):
-            read_json(path / name / "zarr.json")  # Zarr reads them again, but checks no checksum
+        group, *arrays = (read_json(path / name / "zarr.json") for name in (".", *NAMES))
         try:
-            group = zarr.open_group(path, mode="r")
-            values: dict[str, Any] = dict(group.attrs)
+            values: dict[str, Any] = group["attributes"]
             lights = msgspec.convert(values["lights"], tuple[Light, ...])
-            arrays = group["radiance"], group["flags"]
-            shape = (len(lights), values["height"], values["width"], 3)
-            if any(getattr(array, "shape", None) != shape for array in arrays):
+            size = (values["height"], values["width"])
+            if any(array["shape"] != [len(lights), *size, 3] for array in arrays):
                 raise ValueError("its arrays do not have the shape of its lights")
             return cls(
                 lights=lights,
@@ -123,7 +117,7 @@ class Stack(Metadata):
                 camera_mm=msgspec.convert(values.get("camera_mm"), tuple[float, float, float] | None),
                 masked=values.get("masked", False),
                 path=path,
-                _arrays=arrays,
+                _ours=frozenset(name for name, array in zip(NAMES, arrays, strict=True) if as_declared(array, size)),
             )
         except (KeyError, ValueError, TypeError) as error:
             raise InputError(f"{path}: is damaged ({error}); make it again with `kinran stack`") from None
@@ -174,26 +168,32 @@ class Stack(Metadata):
         for name, shard in product(NAMES, np.unique(use // SHARD).tolist()):
             if not shard_path(self.path, name, shard).is_file():
                 raise InputError(f"{shard_path(self.path, name, shard)}: is missing; merge its group")
-        # whole chunks of 8 lights are decoded in any case: read all from the first to the last, then select
-        first, last = (use.min() // SHARD * SHARD, use.max() + 1) if use.size else (0, 0)
-        try:
-            radiance, flags = (array[first:last, y0:y1, x0:x1] for array in self._arrays)
-        except Exception as error:  # Zarr and its codecs raise errors of any kind on a broken shard
-            where = self._damaged(use, (y0, y1, x0, x1)) or self.path
-            raise InputError(
-                f"{where}: is damaged ({error}); delete it, and snakemake merges its group again"
-            ) from None
-        return np.asarray(radiance, np.float16)[use - first], np.asarray(flags, np.uint8)[use - first]
+        box = (y0, y1, x0, x1)
+        return self._read("radiance", np.float16, use, box), self._read("flags", np.uint8, use, box)
 
-    def _damaged(self, lights: NDArray[np.intp], box: Box) -> Path | None:
-        """Return the first shard of these lights that cannot be read in a box; None where all can."""
+    def _read(self, name: str, kind: type[np.generic], lights: NDArray[np.intp], box: Box) -> NDArray[Any]:
+        """Read an array under these lights in a box."""
         y0, y1, x0, x1 = box
-        for (name, array), shard in product(zip(NAMES, self._arrays, strict=True), np.unique(lights // SHARD).tolist()):
+        out = np.empty((len(lights), y1 - y0, x1 - x0, 3), kind)
+        for shard in np.unique(lights // SHARD).tolist():
+            path, at = shard_path(self.path, name, shard), np.flatnonzero(lights // SHARD == shard)
             try:
-                array[shard * SHARD : (shard + 1) * SHARD, y0:y1, x0:x1]
-            except Exception:  # as in `read_stored`
-                return shard_path(self.path, name, shard)
-        return None
+                if name in self._ours:
+                    out[at] = read_box(path, np.dtype(kind), (self.height, self.width), box, lights[at] % SHARD)
+                else:
+                    out[at] = self._zarr[name][shard * SHARD : (shard + 1) * SHARD, y0:y1, x0:x1][lights[at] % SHARD]
+            except Exception as error:  # codecs raise errors of any kind on a broken shard
+                raise InputError(
+                    f"{path}: is damaged ({error}); delete it, and snakemake merges its group again"
+                ) from None
+        return out
+
+    @cached_property
+    def _zarr(self) -> Any:
+        """The stack by Zarr itself, which reads what other programs wrote."""
+        import zarr
+
+        return zarr.open_group(self.path, mode="r")
 
 
 def write_shards(folder: Path, first: int, radiance: Radiance) -> list[Path]:
@@ -268,7 +268,7 @@ class ShardWriter:
             self._files[name].close()
             raw = self._scratch / f"{name}.raw"
             for k in range(0, self._lights, SHARD):
-                _write_shard(shard_path(self._scratch, name, k // SHARD), raw, dtype, shape, k)
+                write_shard(shard_path(self._scratch, name, k // SHARD), raw, dtype, shape, k)
             raw.unlink()
         for name in NAMES:
             for k in range(-(-self._lights // SHARD)):
@@ -277,35 +277,6 @@ class ShardWriter:
                 shard_path(self._scratch, name, k).replace(path)
                 written.append(path)
         return written
-
-
-def _write_shard(path: Path, raw: Path, dtype: str, shape: tuple[int, ...], first: int) -> None:
-    """Write a shard of the pictures from the light `first` on in a scratch file, a row of chunks in memory at a time.
-
-    Zarr would hold all chunks of a shard. The file has the chunks, then the index of places and lengths, chunk by
-    chunk, and its CRC-32C (Zarr v3, codec ``sharding_indexed``).
-    """
-    import google_crc32c
-    from numcodecs import Blosc
-
-    lights, height, width = min(SHARD, shape[0] - first), shape[1], shape[2]
-    coder = Blosc("zstd", clevel=3, shuffle=Blosc.BITSHUFFLE)
-    row = width * 3 * np.dtype(dtype).itemsize
-    index: list[tuple[int, int]] = []
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with raw.open("rb") as source, path.open("wb") as file:
-        for y in range(0, height, CHUNK):
-            rows = min(CHUNK, height - y)
-            band = np.zeros((SHARD, CHUNK, -(-width // CHUNK) * CHUNK, 3), dtype)
-            for k in range(lights):
-                source.seek(((first + k) * height + y) * row)
-                band[k, :rows, :width] = np.frombuffer(source.read(rows * row), dtype).reshape(rows, width, 3)
-            for x in range(0, width, CHUNK):
-                chunk = coder.encode(np.ascontiguousarray(band[:, :, x : x + CHUNK]))
-                index.append((file.tell(), len(chunk) + 4))
-                file.write(chunk + google_crc32c.value(chunk).to_bytes(4, "little"))
-        places = np.array(index, "<u8").tobytes()
-        file.write(places + google_crc32c.value(places).to_bytes(4, "little"))
 
 
 def _half(radiance: Radiance) -> tuple[NDArray[np.float16], Flags]:
