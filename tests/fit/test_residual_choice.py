@@ -102,3 +102,13 @@ def test_a_larger_share_that_does_not_pay_hides_none_that_does() -> None:
     scores = {residual.ALONE: alone, (1.0, 4, 0.01): alone + 0.25, (0.5, 9, None): alone + 0.5 + 1.2 * turns}
     assert residual.pick(scores).smoothing is None
     assert residual.pick(scores).share == 0.5
+
+
+def test_components_come_from_tiles_all_over_a_large_fabric() -> None:
+    """62 × 92 tiles: a stride of 92 would take one column."""
+    boxes = [(64 * y, 64 * y + 64, 64 * x, 64 * x + 64) for y in range(62) for x in range(92)]
+    some = residual._some(boxes)
+    assert residual.BASIS - 2 <= len(some) <= residual.BASIS
+    rows, columns = {box[0] for box in some}, {box[2] for box in some}
+    assert (len(rows), len(columns)) > (30, 30)
+    assert residual._some(boxes[:64]) == boxes[:64]

@@ -35,6 +35,8 @@ FOLDS, FEW_FOLDS, MANY_LIGHTS = 8, 4, 256
 """Folds of the lights, fewer where there are more than `MANY_LIGHTS`, so that a choice takes seconds. A choice."""
 SAMPLE = 1024
 """Texels on which the candidates are compared. A choice; no command compares other numbers."""
+BASIS = 64
+"""Most tiles that the components are found from: 262,144 texels, for some hundred lights. A choice."""
 LEAST_GAIN_DB = 0.3
 """Gain in cross-validated PSNR, dB, that a residual needs to be worth its bytes. A choice: that of a lobe
 (`kinran.fit.candidates.DB_A_BYTE`)."""
@@ -234,6 +236,12 @@ def _psnr(predicted: Values, truth: Values, usable: Values) -> float:
     return min(EXACT_DB, metrics.psnr(np.clip(predicted, 0, 1), np.clip(truth, 0, 1), usable))
 
 
+def _some(boxes: list[Box]) -> list[Box]:
+    """Return all boxes, or `BASIS` of them that lie evenly and in no row or column of the fabric alone."""
+    golden = np.arange(BASIS) * (np.sqrt(5) - 1) / 2 % 1
+    return boxes if len(boxes) <= BASIS else [boxes[k] for k in np.unique((golden * len(boxes)).astype(int))]
+
+
 @dataclass(frozen=True)
 class _Left:
     """The remainder that the lobes of a fabric's material leave, and the maps of its residual."""
@@ -252,10 +260,10 @@ class _Left:
         return remainder(shown, compress(said, self.domain), self.domain, self.choice.share)
 
     def components(self) -> Array:
-        """Factors (light, count) of the components, from the Gram matrix of all tiles."""
+        """Factors (light, count) of the components, from the Gram matrix of tiles all over the fabric."""
         count = len(training_lights(self.fabric.stack))
         gram = np.zeros((count, count))
-        for box in self.fabric.stack.tiles():
+        for box in _some(self.fabric.stack.tiles()):
             left = self.tile(box)
             left = left - left.mean(0)
             gram += left @ left.T

@@ -263,7 +263,11 @@ class _Job:
             of = [r.shared(s) for r in self.priors for s in self.priors]
             pair = region[one] * len(self.priors) + samples.second[at][one]
             other = _no_narrower(_given(of, pair, self.least[at][one]), self.gaps[at][one])
-            mixed = self._descend(cell, T[one], W[one], lights, other, None if start is None else start[one])
+            if start is None:
+                begin = _at(lights.S.T[_brightest(T[one], W[one])], result.shapes[one], other)
+            else:
+                begin = start[one]
+            mixed = self._run(T[one], W[one], lights, other, begin)
             result.put(one, _better(result.of(one), mixed, _of_texels(given, one), other))
         return result
 
@@ -272,7 +276,7 @@ class _Job:
         result = self._run(T, W, lights, given, start)
         if start is not None or self.samples.under.count >= FEW:
             return result
-        brightest = np.where(W > 0, T.mean(1), -np.inf).argmax(1)
+        brightest = _brightest(T, W)
         missed = np.arange(len(T))
         if self.priors is not None and self.samples.under.count >= FEW_LIGHTS:
             missed = np.flatnonzero(self._miss(cell, result, T, brightest) > MISSED)
@@ -356,6 +360,11 @@ def _rows(directions: Array, half: Array) -> Light:
     rows = np.zeros((6, -(-len(directions) // LANES) * LANES), np.float32)
     rows[:, : len(directions)] = *half.T, *directions.T, solid
     return Light(rows[:2], rows[2:5], rows[5])
+
+
+def _brightest(T: Single, W: Single) -> NDArray[np.intp]:
+    """Light (texel,) of the brightest sample in use."""
+    return np.asarray(np.where(W > 0, T.mean(1), -np.inf).argmax(1))
 
 
 def _at(peaks: Single, shapes: Array, given: Given) -> Array:
