@@ -105,6 +105,17 @@ def test_a_sweep_is_one_sheet(tmp_path: Path, make_material, flat_mesh: Path, mo
     assert np.abs(frames[:, :32] - frames[:, 32:]).mean() > 1  # the light has moved
 
 
+def test_a_frame_of_a_sweep_is_the_scene_as_it_was_loaded(tmp_path: Path, make_material, flat_mesh: Path) -> None:
+    """Numbers that become variables of the kernel stay the same numbers."""
+    scene = assemble(TEMPLATE, flat_mesh, make_material(F * 0.8), tmp_path / "scene")
+    render.use_variant(None)
+    as_loaded, varied = (render.load(scene, key_weft="20", width="32", height="24") for _ in range(2))
+    render._to_variables(varied)
+    pictures = [render.render(one, 4) for one in (as_loaded, varied)]
+    assert pictures[0].max() > 0.1
+    np.testing.assert_allclose(pictures[1], pictures[0], rtol=1e-4, atol=1e-5)
+
+
 def test_a_sweep_needs_a_light_that_moves(wall: Path) -> None:
     with pytest.raises(InputError, match="key_w"):
         render.sweep(wall, wall.with_name("sweep.png"), 2, "scalar_rgb")

@@ -161,6 +161,23 @@ def render(scene: Any, spp: int, what: str = "") -> Picture:
     return (total / spp).astype(np.float32)
 
 
+def _to_variables(scene: Any) -> None:
+    """Make the numbers of a scene variables of its kernel, not literals in it: scenes that differ by numbers share it.
+
+    To compile a kernel takes three times as long as a frame of a sweep.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    if str(mi.variant()).startswith("scalar"):
+        return
+    values = mi.traverse(scene)
+    for name, value in list(values.items()):
+        dr.make_opaque(value)
+        values[name] = value
+    values.update()
+
+
 def develop(picture: Picture, exposure: float = 1.0) -> NDArray[np.uint8]:
     """Convert linear radiance to an 8-bit sRGB picture.
 
@@ -258,6 +275,7 @@ def sweep(scene_file: Path, out: Path, frames: int, variant: str | None = None) 
         axis, angle = ("weft", "warp")[row], angles[column]
         light = {"key_weft": "0", "key_warp": "0", f"key_{axis}": f"{angle:.3f}"}
         scene = load(scene_file, **light, width=str(width), height=str(height))
+        _to_variables(scene)
         corner = (column * width, row * height)
         sheet.paste(Image.fromarray(develop(render(scene, SWEEP_SPP))), corner)
         draw.text((corner[0] + 5, corner[1] + 4), f"{axis} {angle:+.0f}°", fill="white")
