@@ -11,6 +11,7 @@ from PIL import Image
 from kinran.base.files import InputError
 from kinran.data.light import directions
 from kinran.data.light_files import find_lights
+from kinran.data.light_projects import read_project
 from kinran.data.photographs import find
 
 XYZ = [(0.0, 0.6, 0.8), (0.6, 0.0, 0.8), (-0.6, 0.0, 0.8)]
@@ -90,6 +91,19 @@ def test_other_json_is_no_project(tmp_path: Path) -> None:
         (tmp_path / "x.json").write_text(text, encoding="utf-8")
         with pytest.raises(InputError, match=r"is no project of RelightLab|has no lights"):
             find_lights(tmp_path, tmp_path / "x.json")
+
+
+@pytest.mark.parametrize("nested", [True, False])
+def test_lights_that_a_viewer_reads(nested: bool, tmp_path: Path) -> None:
+    """By order; of other pages, such as those of PTM, there are none."""
+    vectors = [[0.0, 0.6, 0.8], [0.6, 0.0, 0.8]]
+    info = {"type": "rbf", "width": 4, "lights": vectors if nested else [x for v in vectors for x in v]}
+    found = read_project(written(tmp_path, info, "info.json"))
+    np.testing.assert_allclose([light.direction for light in found.lights], vectors)
+    with pytest.raises(InputError, match="has no lights"):
+        read_project(written(tmp_path, {"type": "ptm", "width": 4}, "info.json"))
+    with pytest.raises(InputError, match="is no project"):
+        read_project(written(tmp_path, info | {"lights": [0.0, 0.6]}, "info.json"))
 
 
 def test_lamps_of_luces(tmp_path: Path) -> None:

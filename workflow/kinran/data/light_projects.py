@@ -1,4 +1,4 @@
-"""Lights in files of other programs: projects and domes of RelightLab, and the lamps of LUCES."""
+"""Lights in files of other programs: projects, domes and viewers of RelightLab, and the lamps of LUCES."""
 
 import json
 import math
@@ -18,9 +18,10 @@ LED_PARAMETERS = "led_params.txt"
 
 
 def read_project(path: Path, signs: Vector = AS_THEY_ARE) -> LightFile:
-    """Read the lights of a RelightLab project, or of a dome alone, whose lights go by the order of the photographs.
+    """Read the lights of a RelightLab project, of a dome, or of an ``info.json`` that relight's viewer reads.
 
-    A dome has directions, or positions in millimetres. Images that the project skips are left out.
+    Without images in the file, lights go by the order of the photographs. A dome has directions, or positions in
+    millimetres. Images that the project skips are left out.
 
     Raises
     ------
@@ -32,7 +33,7 @@ def read_project(path: Path, signs: Vector = AS_THEY_ARE) -> LightFile:
         dome, images = project.get("dome", project), project.get("images", [])
         key = VECTORS[dome.get("lightConfiguration", "directional")]
         own = [_vector(image["direction"], "xyz") for image in images if "direction" in image]
-        vectors = [_vector(entry, "xyz") for entry in dome.get(key, [])] or own
+        vectors = [_vector(entry, "xyz") for entry in dome.get(key, [])] or own or _of_viewer(project)
         gains = [_vector(entry, "rgb") for entry in dome.get("ledAdjust", [])]
         width = float(dome.get("imageWidth", 0))
         folder = str(project.get("folder", "")).replace("\\", "/")
@@ -104,6 +105,14 @@ def read_led_parameters(path: Path, signs: Vector = AS_THEY_ARE) -> LightFile:
 def _vector(entry: dict[str, Any], keys: str) -> Vector:
     first, second, third = (float(entry[key]) for key in keys)
     return first, second, third
+
+
+def _of_viewer(info: dict[str, Any]) -> list[Vector]:
+    """Return the lights in what a viewer of relight reads beside its pictures: numbers in a row, or three by three."""
+    numbers: list[Any] = info.get("lights", [])
+    flat = [part for entry in numbers for part in (entry if isinstance(entry, list) else [entry])]
+    x, y, z = ([float(part) for part in flat[k::3]] for k in range(3))
+    return list(zip(x, y, z, strict=True))
 
 
 def _inverse(gain: Vector) -> Vector:
