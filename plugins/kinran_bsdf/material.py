@@ -1,4 +1,4 @@
-"""The material file: maps of a fitted fabric in one multichannel EXR, read and written with Mitsuba alone."""
+"""The material file: maps of a fitted fabric in one multichannel EXR, read with Mitsuba alone, written with OpenEXR."""
 
 import json
 import logging
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kinran_bsdf import checksum
 from kinran_bsdf.arrays import Array, Map, mi
@@ -24,6 +25,8 @@ NEEDED = ("version", "cosine", "model", "lobes", "regions", "colour", "from_stac
 """Header attributes that a file must have."""
 COLOUR = "lin_ap1_scene"
 """Colour space of the maps: linear ACEScg."""
+TILE = 64
+"""Texels along a side of a tile of the file: as many as of a tile of a fit."""
 FRAME = "X=+u=weft, Y=+v=warp, Z=view; row 0 is v=0"
 """Frame of the maps, for the header."""
 
@@ -244,9 +247,15 @@ def write_material(path: str | os.PathLike[str], material: Material) -> None:
     ------
     ValueError
         The material is not one that `read_material` accepts, or its maps differ in size.
+    ImportError
+        OpenEXR is missing; the plugin's extra ``write`` installs it.
     OSError
         The folder cannot be written to, or the file reads back changed.
     """
+    try:
+        import OpenEXR
+    except ImportError:  # whoever renders needs none
+        raise ImportError(f"{path}: to write it takes OpenEXR; install kinran-bsdf[write]") from None
     path = Path(path)
     check(material, str(path))
     names = channel_names(material.reflection, material.residual)
@@ -254,24 +263,29 @@ def write_material(path: str | os.PathLike[str], material: Material) -> None:
     shapes = {material.channels[n].shape for n in names}
     if len(shapes) != 1:
         raise ValueError(f"{path}: the maps have different sizes {sorted(shapes)}; give them one")
-    pixels = np.ascontiguousarray(np.stack([material.channels[n] for n in names], -1), np.float32)
-    bitmap = mi.Bitmap(pixels, mi.Bitmap.PixelFormat.MultiChannel, names)
-    metadata = bitmap.metadata()
+    stored = {name: _stored(name, material.channels[name]) for name in names}
+    planes = {name: np.asarray(plane, np.float32) for name, plane in stored.items()}
     attributes = {f"kinran:{key}": value for key, value in _header(material).items()}
-    planes = {name: pixels[..., k] for k, name in enumerate(names)}
     attributes[checksum.NAME] = json.dumps(checksum.checksums(attributes, planes))
-    for key, value in attributes.items():
-        metadata[key] = value
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.part.exr")
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
-        bitmap.write(str(temporary), mi.Bitmap.FileFormat.OpenEXR)
+        tiles = OpenEXR.TileDescription()
+        tiles.xSize = tiles.ySize = TILE
+        layout = {"type": OpenEXR.tiledimage, "tiles": tiles, "compression": OpenEXR.ZIP_COMPRESSION}
+        with OpenEXR.File({**attributes, **layout}, stored) as file:
+            file.write(str(temporary))
         back = read_material(temporary)
         if any(not np.array_equal(back.channels[name], plane) for name, plane in planes.items()):
             raise OSError(f"{path}: reads back changed; is the disk full?")
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _stored(name: str, channel: Map) -> NDArray[np.floating]:
+    """Return a channel as it is stored: a residual's in half precision, whose 3·10⁻⁴ no display shows."""
+    return np.ascontiguousarray(channel, np.float16 if name.startswith("residual") else np.float32)
 
 
 def _header(material: Material) -> dict[str, str]:

@@ -60,7 +60,10 @@ def test_file_round_trip(tmp_path: Path, material: Material) -> None:
     write_material(tmp_path / "m.exr", material)
     back = read_material(tmp_path / "m.exr")
     lights = dome(9, 5)
-    np.testing.assert_allclose(relight(back, lights), relight(material, lights), atol=1e-6)
+    np.testing.assert_allclose(relight(back, lights), relight(material, lights), atol=2e-3)  # half precision
+    write_material(tmp_path / "again.exr", back)
+    again = read_material(tmp_path / "again.exr")
+    assert all(np.array_equal(again.channels[name], plane) for name, plane in back.channels.items())
     assert np.abs(relight(material, lights) - relight(replace(material, residual=None), lights)).max() > 0.05
 
 
