@@ -128,8 +128,8 @@ def test_a_panel_that_is_no_rectangle_gets_a_warning(tmp_path: Path, caplog: pyt
     vertices, faces = sheet(46, 31)
     vertices[:, 0] *= 1 + vertices[:, 1] / 45  # a wedge
     write_scan(tmp_path / "scan.ply", vertices, faces)
-    report = mesh.prepare(tmp_path / "scan.ply", tmp_path / "mesh.ply")
-    assert report["weft_residual_degrees"] > 5
+    mesh.main(mesh.Inputs(tmp_path / "scan.ply"), mesh.Outputs(tmp_path / "mesh.ply", tmp_path / "mesh.json"))
+    assert read_json(tmp_path / "mesh.json")["weft_residual_degrees"] > 5
     assert "it is no rectangle" in caplog.text
 
 
@@ -252,3 +252,23 @@ def test_real_range_image(tmp_path: Path) -> None:
     report = mesh.prepare(tmp_path / "scan.ply", tmp_path / "mesh.ply")
     assert report["flipped"] == 0
     assert report["boundary_loops"] == 1
+
+
+def test_a_mesh_is_shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    """By its scan, whatever that is called; without its report it is another result."""
+    cache, cloth = tmp_path / "cache", sheet(46, 31)
+    cache.mkdir()
+    monkeypatch.setenv("KINRAN_CACHE", str(cache))
+    caplog.set_level("INFO", "kinran")
+    outs = []
+    for name in ("one", "two"):
+        raw = tmp_path / f"{name}.ply"
+        write_scan(raw, *cloth)
+        outs.append(mesh.Outputs(tmp_path / name / "mesh.ply", tmp_path / name / "mesh.json"))
+        outs[-1].mesh.parent.mkdir()
+        mesh.main(mesh.Inputs(raw), outs[-1])
+    assert "mesh: taken from the cache" in caplog.text
+    assert outs[0].mesh.read_bytes() == outs[1].mesh.read_bytes()
+    assert read_json(tmp_path / "one" / "mesh.json") == read_json(tmp_path / "two" / "mesh.json")
+    mesh.main(mesh.Inputs(tmp_path / "one.ply"), mesh.Outputs(tmp_path / "alone.ply"))
+    assert (tmp_path / "alone.ply").read_bytes() == outs[0].mesh.read_bytes()

@@ -16,8 +16,9 @@ from typing import Annotated, Any
 import numpy as np
 
 from kinran.base.checksums import comment
-from kinran.base.files import InputError, atomic, check_comment, write_json
+from kinran.base.files import InputError, atomic, check_comment, sha256, write_json
 from kinran.base.probes import PYMESHLAB_PLUGINS
+from kinran.base.shared_results import made
 from kinran.scene.flatten import (
     Array,
     Faces,
@@ -45,8 +46,8 @@ centimetres. No measurement stands behind the number."""
 SQUARE = 0.95
 """Ratio of the shorter side to the longer above which the sides do not tell the weft; the scan's upward direction does
 then. No measurement stands behind the ratio."""
-UNSURE = np.radians(5)
-"""Disagreement of the sides on the weft, in radians, that is worth a warning. No measurement stands behind it."""
+UNSURE = 5.0
+"""Disagreement of the sides on the weft, in degrees, that is worth a warning. No measurement stands behind it."""
 SMALLEST, LARGEST = 5.0, 10_000.0
 """Believable size of a panel in mm: a scan in metres or inches falls outside."""
 
@@ -63,8 +64,19 @@ class Outputs:
 
 
 def main(inputs: Inputs, out: Outputs) -> None:
-    """Clean and unwrap a scan."""
-    prepare(inputs.scan, out.mesh, out.report)
+    """Clean and unwrap a scan, or take its mesh from those that are shared."""
+    scan = inputs.scan
+    check_scan(scan)
+    found = made(
+        "mesh",
+        "kinran.scene.mesh",
+        lambda: (sha256(scan), scan.suffix.lower(), out.report is None),
+        {"mesh.ply": out.mesh, **({"mesh.json": out.report} if out.report else {})},
+        lambda: prepare(scan, out.mesh, out.report),
+    )
+    unsure = found["weft_residual_degrees"]
+    if unsure > UNSURE:
+        log.warning("warning: %s: its weft is known to %.0f° only; it is no rectangle", scan, unsure)
 
 
 def load_pymeshlab() -> Any:
@@ -272,8 +284,6 @@ def prepare(scan: Path, out: Path, report: Path | None = None) -> dict[str, Any]
             f"{scan}: {flipped} of {len(faces)} faces fold over when flattened; "
             "cut the scan where it is not one flat piece of cloth"
         )
-    if (unsure := np.abs(residuals).max()) > UNSURE:
-        log.warning("warning: %s: its weft is known to %.0f° only; it is no rectangle", scan, np.degrees(unsure))
     motion = hang(vertices, faces, uv)
     write_mesh(out, vertices @ motion[:3, :3].T + motion[:3, 3], faces, uv)
     values = {
@@ -286,7 +296,7 @@ def prepare(scan: Path, out: Path, report: Path | None = None) -> dict[str, Any]
         "stretch_p99": p99,
         "flipped": flipped,
         "weft_from": "upright scan" if square else "sides",
-        "weft_residual_degrees": float(np.degrees(unsure)),
+        "weft_residual_degrees": float(np.degrees(np.abs(residuals).max())),
         "scan_to_mesh": motion.tolist(),
     }
     if report:
