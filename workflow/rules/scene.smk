@@ -25,7 +25,7 @@ rule mesh:
     log:
         "logs/_meshes/{mesh}/mesh.log",
     benchmark:
-        "results/_meshes/{mesh}/mesh.tsv"
+        "results/_meshes/{mesh}/benchmarks/mesh.tsv"
     resources:
         mem_mb=memory_of("mesh"),
         runtime=runtime_of("mesh"),
