@@ -2,6 +2,7 @@
 
 import json
 import tracemalloc
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -116,3 +117,15 @@ def test_the_plugin_has_the_same_checksums(tmp_path: Path) -> None:
         assert json.loads(attributes[checksum.NAME]) == checksum.checksums(attributes, channels)
         assert checksum.damaged(attributes, channels) == ""
         assert checksum.damaged({**attributes, "kinran:model": "takeda2008"}, channels) == "a kinran: attribute"
+
+
+@pytest.mark.parametrize("read", [read_exr, lambda path: read_channel(path, "G", np.float32)])
+def test_text_that_is_no_text_any_more(tmp_path: Path, read: Callable[[Path], object]) -> None:
+    """A flipped bit in the header, of a thousand: one reader gave an error that did not name the file."""
+    path = tmp_path / "a.exr"
+    write_rgb(path, np.zeros((4, 5, 3), np.float32))
+    body = path.read_bytes()
+    at = body.index(b'"G": "') + 7
+    path.write_bytes(body[:at] + bytes([body[at] | 0x80]) + body[at + 1 :])
+    with pytest.raises(InputError, match=r"a\.exr: "):
+        read(path)

@@ -127,7 +127,9 @@ def write_rgb(path: Path, image: Image) -> None:
 
 def _texts(header: Mapping[str, object]) -> dict[str, str]:
     """Return the attributes of a header that are text and begin with `PREFIX`; the older reader gives them as bytes."""
-    texts = {name: value.decode() if isinstance(value, bytes) else value for name, value in header.items()}
+    texts = {
+        name: value.decode(errors="replace") if isinstance(value, bytes) else value for name, value in header.items()
+    }
     return {name: text for name, text in texts.items() if name.startswith(PREFIX) and isinstance(text, str)}
 
 
