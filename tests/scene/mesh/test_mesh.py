@@ -1,4 +1,8 @@
 import os
+import select
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import mitsuba as mi
@@ -272,3 +276,25 @@ def test_a_mesh_is_shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplo
     assert read_json(tmp_path / "one" / "mesh.json") == read_json(tmp_path / "two" / "mesh.json")
     mesh.main(mesh.Inputs(tmp_path / "one.ply"), mesh.Outputs(tmp_path / "alone.ply"))
     assert (tmp_path / "alone.ply").read_bytes() == outs[0].mesh.read_bytes()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs prctl(2)")
+def test_a_killed_stage_leaves_nothing_behind(tmp_path: Path) -> None:
+    """The failure: its worker lived on with the pipe to the log, and Snakemake waited for ever."""
+    vertices, faces, _ = scan(seed=3)
+    write_scan(tmp_path / "scan.ply", vertices, faces)
+    command = [sys.executable, "-m", "kinran", "mesh", str(tmp_path / "scan.ply"), str(tmp_path / "mesh.ply")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as stage:
+        children = Path(f"/proc/{stage.pid}/task/{stage.pid}/children")
+        until = time.monotonic() + 60
+        while not any(
+            b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes() for pid in children.read_text().split()
+        ):
+            assert time.monotonic() < until
+            time.sleep(0.02)
+        time.sleep(0.5)
+        stage.kill()
+        assert stage.stdout is not None
+        assert select.select([stage.stdout], [], [], 20)[0]
+        stage.stdout.read()  # to its end: nobody else has the pipe
+    assert not (tmp_path / "mesh.ply").exists()

@@ -5,14 +5,17 @@ holds a lock, for which the next run waits (`kinran.run.owner`).
 """
 
 import contextlib
+import ctypes
 import fcntl
 import logging
 import os
 import select
 import signal
+import sys
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 RUN = "KINRAN_RUN"
@@ -21,6 +24,8 @@ JOBS = Path(".snakemake/kinran.jobs")
 """File that all jobs of a run lock together, in the working folder; the next run waits until nobody does."""
 GRACE_S = 60.0
 """Seconds in which a job may end in good order, such as a rig that stops its arm: a choice."""
+PR_SET_PDEATHSIG = 1
+"""Option of prctl(2): the signal that a process gets when its parent ends."""
 
 log = logging.getLogger(__name__)
 
@@ -69,3 +74,26 @@ def _end(run: int) -> None:
     os.kill(os.getpid(), signal.SIGTERM)
     time.sleep(GRACE_S)
     os._exit(128 + signal.SIGTERM)
+
+
+def binding() -> Callable[[], object] | None:
+    """Return what a new process calls to be killed when its parent ends; nothing on systems without prctl(2)."""
+    if sys.platform != "linux":
+        return None
+    return partial(ctypes.CDLL(None).prctl, PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+def end_with_parent(parent: int) -> None:
+    """Have this process, a worker of a stage, killed when the stage ends, however that comes about.
+
+    A worker that is left behind holds what the stage wrote its log to, and Snakemake waits for that for ever.
+
+    Parameters
+    ----------
+    parent
+        Number of the stage's process.
+    """
+    if bind := binding():
+        bind()
+    if os.getppid() != parent:  # it had ended before
+        os._exit(128 + signal.SIGKILL)

@@ -1,19 +1,15 @@
 """Snakemake as a child of a command, with which it ends: so no run is left behind that nobody sees or can stop."""
 
 import contextlib
-import ctypes
-import signal
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 
+from kinran.base.end_with_run import binding
 from kinran.base.project import ROOT
 from kinran.rig.stopping import interruptible
 
-PR_SET_PDEATHSIG = 1
-"""Option of prctl(2): the signal that a process gets when its parent ends."""
 STOPPING_S = 10.0
 """Longest wait in seconds for a Snakemake that was interrupted, and removes what jobs left half done: a choice."""
 
@@ -39,7 +35,7 @@ def run_snakemake(options: Sequence[str], folder: Path | None = None, files: Seq
         This process got a signal that ends it.
     """
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), *options]
-    with interruptible(), subprocess.Popen(command, cwd=folder, pass_fds=files, preexec_fn=_bound()) as snakemake:
+    with interruptible(), subprocess.Popen(command, cwd=folder, pass_fds=files, preexec_fn=binding()) as snakemake:
         try:
             return snakemake.wait()
         except KeyboardInterrupt:
@@ -48,10 +44,3 @@ def run_snakemake(options: Sequence[str], folder: Path | None = None, files: Seq
             raise
         finally:
             snakemake.kill()
-
-
-def _bound() -> Callable[[], object] | None:
-    """Return what binds the life of a new process to that of its parent; nothing on systems without prctl(2)."""
-    if sys.platform != "linux":
-        return None
-    return partial(ctypes.CDLL(None).prctl, PR_SET_PDEATHSIG, signal.SIGKILL)

@@ -7,6 +7,7 @@ shorter sides run along u: cloth is woven with the weft across the loom width an
 
 import logging
 import multiprocessing
+import os
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from kinran.base.checksums import comment
+from kinran.base.end_with_run import end_with_parent
 from kinran.base.files import InputError, atomic, check_comment, sha256, write_json
 from kinran.base.probes import PYMESHLAB_PLUGINS
 from kinran.base.shared_results import made
@@ -268,7 +270,8 @@ def prepare(scan: Path, out: Path, report: Path | None = None) -> dict[str, Any]
     """
     check_scan(scan)
     try:
-        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        spawn, mine = multiprocessing.get_context("spawn"), (os.getpid(),)
+        with ProcessPoolExecutor(1, spawn, initializer=end_with_parent, initargs=mine) as pool:
             vertices, faces, counts = pool.submit(clean, scan).result()
     except BrokenProcessPool:
         raise InputError(f"{scan}: pymeshlab died while cleaning it; run kinran doctor") from None
