@@ -10,6 +10,9 @@ from kinran.run.resources import COSTS, Size
 ONCE = ("calibrate", "stack", "segment", "need", "prior", "fit", "material", "residual", "sigma", "evaluate", "scan",
         "mesh", "scene", "render", "report")  # fmt: skip
 """Stages of a set of photographs, beside its merges."""
+OTHER_MODELS_S = 25.0
+"""CPU seconds of the models beside the slope model, for a million texels: all three took 161 s for 1.5 million under 60
+lights (`kinran bench size`)."""
 JOB_S, JOBS = 1.0, 30
 """CPU seconds of Snakemake and shells for a job, and the jobs of a small set: 19 s were measured for 60 lights."""
 STACK_BYTES = 5.1
@@ -48,6 +51,7 @@ def _cost(pixels: int, average: int, lights: int) -> tuple[float, float, float]:
     whole, size = Size(pixels, lights), Size(pixels // average**2, lights)
     groups = -(-lights // LIST_GROUP)
     seconds = sum(COSTS[stage].time(size) for stage in ONCE) + groups * COSTS["merge"].time(whole) + JOB_S * JOBS
+    seconds += OTHER_MODELS_S * size.texels * 1e-6
     memory = max(COSTS["merge"].memory(whole), *(COSTS[stage].memory(size) for stage in ONCE))
     return seconds, memory, size.texels * (STACK_BYTES * lights + MATERIAL_BYTES) * 1e-6
 
