@@ -40,8 +40,7 @@ def main(inputs: Inputs, out: Annotated[Path, "OUT", "priors (.json)"], options:
     priors = under_priors.learn(samples, regions, lobes, options.threads)
     for light, factor in zip(lights, priors.lights, strict=True):
         if factor < 1:
-            said = f"weight {factor:.2g}" if factor else "it is left out"
-            log.info("light %s: does not fit in with its neighbours; %s", light.name, said)
+            log.info("light %s: does not fit in with its neighbours; weight %.2g", light.name, factor)
     if priors.outliers:
         log.info("some samples are outliers: the fit takes Huber's loss")
     priors.write(out, lights)

@@ -100,12 +100,11 @@ def main(inputs: Inputs, out: Outputs, options: Options = Options()) -> None:
     fabric = Fabric(inputs.fabric)
     material = read_material(inputs.material)
     domain = fabric.stack.encoding or f"log:{_peak(fabric):.6g}"
+    sample = read_some(fabric, _spread(fabric.stack.inside))
     lobes, priors = Lobes(material.tail, material.lobes), Priors.read(inputs.prior, fabric)
-    used = np.flatnonzero(priors.lights > 0)
-    sample = read_some(fabric, _spread(fabric.stack.inside)).weighed(priors.lights).only(used)
     choice = cross_validate(sample, lobes, priors.regions, domain, options.threads)
     if choice.components:
-        material = _Left(fabric, material, domain, choice, used).material()
+        material = _Left(fabric, material, domain, choice).material()
     write_material(out.material, material)
     seconds = time.process_time() - start
     write_json(out.summary, _summary(read_json(inputs.fitted), choice, seconds))
@@ -251,20 +250,19 @@ class _Left:
     lobes: Material
     domain: str
     choice: Choice
-    used: NDArray[np.intp]
-    """Indices of the training lights that are not left out."""
 
     def tile(self, box: Box) -> Values:
         """Remainder (light, texel · 3) of one tile."""
-        lights = training_lights(self.fabric.stack)[self.used]
-        tile = read_samples(self.fabric, box).only(self.used)
+        lights = training_lights(self.fabric.stack)
+        tile = read_samples(self.fabric, box)
         said = material_prediction.predict(self.lobes, self.fabric.stack, box, lights).reshape(len(lights), -1)
         shown = by_light(np.nan_to_num(tile.under.reaching(tile.T)), self.domain)
         return remainder(shown, compress(said, self.domain), self.domain, self.choice.share)
 
     def components(self) -> Array:
         """Factors (light, count) of the components, from the Gram matrix of tiles all over the fabric."""
-        gram = np.zeros((len(self.used), len(self.used)))
+        count = len(training_lights(self.fabric.stack))
+        gram = np.zeros((count, count))
         for box in _some(self.fabric.stack.tiles()):
             left = self.tile(box)
             left = left - left.mean(0)
@@ -290,6 +288,6 @@ class _Left:
         channels = dict(self.lobes.channels)
         for k, plane in enumerate(self.maps(basis)):
             channels.update({f"residual{k}.{c}": np.ascontiguousarray(plane[..., i]) for i, c in enumerate("RGB")})
-        lights = self.fabric.stack.directions[training_lights(self.fabric.stack)[self.used]]
+        lights = self.fabric.stack.directions[training_lights(self.fabric.stack)]
         splines = plates(lights, basis, self.choice.smoothing)
         return replace(self.lobes, channels=channels, residual=Residual(self.domain, self.choice.share, *splines))

@@ -22,8 +22,6 @@ NEIGHBOURS = 6
 """Number of neighbours that a light is compared with: a ring around it. A choice."""
 ODD = 2.0
 """Residual of a light, over that of its neighbours, from which it loses weight (docs/fit.md, "What is trusted")."""
-LEFT_OUT = 0.25
-"""Weight under which a light is left out: a search begins at the brightest samples, whatever they weigh. A choice."""
 ROUNDS = 2
 """Fits after which lights lose weight; the second is made without what the first left out. A choice."""
 BETTER = 0.4
@@ -53,7 +51,6 @@ def learn(samples: Samples, lobes: Lobes, threads: int) -> tuple[Single, bool]:
             break
         factors = found
         free = slope.fit(samples.weighed(factors), lobes, threads=threads)
-    factors[factors < LEFT_OUT] = 0
     samples = samples.weighed(factors)
     huber, _ = robust_weights.robust(samples, lobes, threads=threads)
     smooth = [_smooth(_left(samples, fitted), samples.W, near) for fitted in (huber, free)]
