@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from synthetic_texels import sampled, texels
 
-from benchmarks.texels import microfacets, noisy
+from benchmarks.texels import microfacets, noisy, relative
 from kinran.base import frames
 from kinran.data.texel_directions import Under
 from kinran.fit import slope, under_priors, unseen_peaks
@@ -97,3 +97,15 @@ def test_a_texel_without_samples_stays_dark() -> None:
     held = unseen_peaks.refit(slope.fit(nothing, PAIR), nothing)
     assert np.isfinite(held.shapes).all()
     assert (held.colours == 0).all()
+
+
+def test_a_search_is_repeated_from_the_brightest_sample() -> None:
+    """The failure: where it is not, needles between two rings meet their brightest samples, and nothing else."""
+    samples = gloss(rings(60, 20, 60), 0.2)
+    shapes, colours = texels(COUNT)
+    shapes[:, 2:5] = -np.log(0.2), 0, -np.log(0.2)
+    truth = microfacets(shapes, colours, dome(300))
+    priors = under_priors.learn(samples, 1, PAIR)
+    fitted = under_priors.fit(samples.weighed(priors.lights), PAIR, priors)
+    errors = relative(fitted.predict(Under.far(dome(300), COUNT)), truth)
+    assert np.percentile(errors, 95) < 0.4

@@ -10,7 +10,6 @@ from scipy.spatial import cKDTree
 
 from kinran.base import frames
 from kinran.data.texel_directions import Index, Under
-from kinran.fit.few_lights import FEW_LIGHTS
 from kinran.fit.fitted_model import Channels, named
 from kinran.fit.region_priors import Prior
 from kinran.fit.samples import Samples
@@ -43,10 +42,6 @@ FEW = 150
 """Number of lights below which a lobe may stand between them: a second start is tried, at the brightest sample, and a
 second prior at texels that two regions share. From this number on, samples outvote both priors (docs/fit.md, "Mixed
 texels")."""
-MISSED = 0.05
-"""Share of the brightest sample by which a fit has to miss it for a second start there. All texels get one under fewer
-than `FEW_LIGHTS`, and without a prior, since priors are learned from them. A choice: docs/fit.md, "Priors under few
-lights", has the errors with all second starts."""
 
 
 @dataclass(frozen=True)
@@ -257,42 +252,22 @@ class _Job:
         lights = _rows(samples.under.lights[cell], samples.under.slopes[cell])
         start = None if self.start is None else self.start[at]
         given = _of_texels(self.given, at)
-        result = self._descend(cell, T, W, lights, given, start)
+        result = self._descend(T, W, lights, given, start)
         one = np.flatnonzero(samples.second[at] != region)
         if self.priors is not None and len(one) and samples.under.count < FEW:
             of = [r.shared(s) for r in self.priors for s in self.priors]
             pair = region[one] * len(self.priors) + samples.second[at][one]
             other = _no_narrower(_given(of, pair, self.least[at][one]), self.gaps[at][one])
-            if start is None:
-                begin = _at(lights.S.T[_brightest(T[one], W[one])], result.shapes[one], other)
-            else:
-                begin = start[one]
-            mixed = self._run(T[one], W[one], lights, other, begin)
+            mixed = self._descend(T[one], W[one], lights, other, None if start is None else start[one])
             result.put(one, _better(result.of(one), mixed, _of_texels(given, one), other))
         return result
 
-    def _descend(self, cell: int, T: Single, W: Single, lights: Light, given: Given, start: Array | None) -> SlopeFit:
-        """A descent from a start, or from the highlight's moments; under few lights also from samples it misses."""
+    def _descend(self, T: Single, W: Single, lights: Light, given: Given, start: Array | None) -> SlopeFit:
         result = self._run(T, W, lights, given, start)
-        if start is not None or self.samples.under.count >= FEW:
-            return result
-        brightest = _brightest(T, W)
-        missed = np.arange(len(T))
-        if self.priors is not None and self.samples.under.count >= FEW_LIGHTS:
-            missed = np.flatnonzero(self._miss(cell, result, T, brightest) > MISSED)
-        if len(missed):
-            T, W, given = T[missed], W[missed], _of_texels(given, missed)
-            again = _at(lights.S.T[brightest[missed]], result.shapes[missed], given)
-            result.put(missed, _better(result.of(missed), self._run(T, W, lights, given, again), given, given))
+        if start is None and self.samples.under.count < FEW:
+            again = _at_brightest(result.shapes, T, W, lights, given)
+            result = _better(result, self._run(T, W, lights, given, again), given, given)
         return result
-
-    def _miss(self, cell: int, found: SlopeFit, T: Single, brightest: NDArray[np.intp]) -> Array:
-        """Share (texel,) of the brightest sample by which a fit misses it; 0 where that is dark."""
-        under, texels = self.samples.under, np.arange(len(T))
-        predicted = np.empty_like(T)
-        summed(TAILS[self.lobes.tail], found.shapes, found.colours, under.slopes[cell], under.lights[cell], predicted)
-        seen, fitted = (values[texels, :, brightest].mean(1, dtype=float) for values in (T, predicted))
-        return np.where(seen > 0, np.abs(fitted - seen) / np.maximum(seen, 1e-30), 0.0)
 
     def _run(self, T: Single, W: Single, lights: Light, given: Given, start: Array | None) -> SlopeFit:
         """One descent from a start."""
@@ -362,15 +337,11 @@ def _rows(directions: Array, half: Array) -> Light:
     return Light(rows[:2], rows[2:5], rows[5])
 
 
-def _brightest(T: Single, W: Single) -> NDArray[np.intp]:
-    """Light (texel,) of the brightest sample in use."""
-    return np.asarray(np.where(W > 0, T.mean(1), -np.inf).argmax(1))
-
-
-def _at(peaks: Single, shapes: Array, given: Given) -> Array:
-    """Shapes (texel, K) to start from: the first lobe at peaks (texel, 2), the rest from the prior if any."""
+def _at_brightest(shapes: Array, T: Single, W: Single, lights: Light, given: Given) -> Array:
+    """Shapes (texel, K) to start from: the first lobe at the brightest sample, the rest from the prior if any."""
     start = np.where(given.stiffness > 0, given.centre, shapes)
-    start[:, :2] = peaks
+    brightest = np.where(W > 0, T.mean(1), -np.inf).argmax(1)
+    start[:, :2] = lights.S.T[brightest]
     return start
 
 

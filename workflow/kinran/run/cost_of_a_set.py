@@ -11,8 +11,8 @@ ONCE = ("calibrate", "stack", "segment", "need", "prior", "fit", "material", "re
         "mesh", "scene", "render", "report")  # fmt: skip
 """Stages of a set of photographs, beside its merges."""
 OTHER_MODELS_S = 25.0
-"""CPU seconds of the models beside the slope model, for a million texels: all three took 161 s for 1.5 million under 60
-lights (`kinran bench size`)."""
+"""CPU seconds of the models beside the slope model, for a million texels under 60 lights. A guess:
+under the 337 of virtual fabrics they took 41."""
 JOB_S, JOBS = 1.0, 30
 """CPU seconds of Snakemake and shells for a job, and the jobs of a small set: 19 s were measured for 60 lights."""
 STACK_BYTES = 5.1

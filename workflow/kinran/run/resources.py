@@ -91,7 +91,7 @@ COSTS = {
     "coarsen": Cost(260, 160, 0.2, 5, 0, 0.3),
     "choice": Cost(300, 0, 0.5, 120, threaded=True),
     "prior": Cost(230, 40, 0.35, 10, threaded=True),
-    "fit": Cost(180, 90, 0.35, 5, 70, 0.15),
+    "fit": Cost(180, 90, 0.35, 5, 130, 0.15),
     "material": Cost(180, 420, 0, 2, 17),
     "residual": Cost(300, 720, 0.4, 15, 8, 0.2, threaded=True),
     "sigma": Cost(250, 370, 0.4, 5, 14, 0.3, threaded=True),
