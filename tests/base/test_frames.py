@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial import cKDTree
 
 from kinran.base import frames
 
@@ -44,3 +45,18 @@ def test_wrap_where_it_wraps() -> None:
     assert frames.wrap(np.radians(355) - np.radians(5)) == pytest.approx(np.radians(-10))
     assert frames.wrap(np.pi) == -np.pi
     assert frames.angles([0.0, 0.0, 2.0])[1] == 0.0
+
+
+@pytest.mark.parametrize("count", [1, 3, 300])
+def test_nearest_points_are_a_trees(count: int) -> None:
+    points = np.random.default_rng(count).normal(size=(count, 2))
+    distances, numbers = frames.nearest(points, 4)
+    expected, expected_numbers = cKDTree(points).query(points, range(1, min(4, count) + 1))
+    np.testing.assert_array_equal(numbers, expected_numbers)
+    np.testing.assert_allclose(distances, expected)
+
+
+def test_a_point_is_the_nearest_to_itself_before_its_twin() -> None:
+    distances, numbers = frames.nearest(np.array([[0.0, 1.0], [0.0, 1.0], [2.0, 1.0]]), 2)
+    np.testing.assert_array_equal(numbers, [[0, 1], [1, 0], [2, 0]])
+    np.testing.assert_array_equal(distances, [[0, 0], [0, 0], [0, 2]])

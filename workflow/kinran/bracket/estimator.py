@@ -13,8 +13,6 @@ from typing import Any, NamedTuple
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
-from scipy.special import chdtri
 
 from kinran.data.calibration import Response
 
@@ -114,6 +112,8 @@ def estimate_rows(planes: Counts, black: Array, seconds: Array, response: Respon
     Merged
         Merged sites (plane, last - first, x).
     """
+    from scipy.special import chdtri
+
     shape = (planes.shape[1], last - first, planes.shape[3])
     merged = Merged(np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.bool_))
     sensor = _Sensor(
@@ -212,6 +212,8 @@ def ratio_sums(planes: Counts, black: Array, longer: int, clip: float) -> Array:
 
 def guarded(counts: Counts, full: float) -> Counts:
     """Return counts (y, x) that are 0 within `GUARD` of those from `full` up, which demosaicing or scaling mixes."""
+    from scipy.ndimage import maximum_filter
+
     return np.where(maximum_filter(counts, 2 * GUARD + 1) < full, counts, np.uint16(0))
 
 

@@ -4,7 +4,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from kinran.bracket.estimator import TAPER
 from kinran.data.calibration import MARGIN
@@ -141,6 +140,8 @@ def _bins(level: Array, difference: Array, cut: NDArray[np.bool_]) -> list[tuple
 
 def _solve(rows: Array, variances: Array, weights: Array, clip: float, least: Array) -> Noise:
     """Solve for (gain, read², coding²) ≥ `least` by least squares, each variance weighted by its own error."""
+    from scipy.optimize import nnls
+
     if len(rows) < 2:
         return Noise(float(clip / 30_000), float(max(np.sqrt(least[1]), 1e-3 * clip)), 0.0)
     model = np.maximum(variances, least[1])

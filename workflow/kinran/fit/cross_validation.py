@@ -2,7 +2,6 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay, QhullError
 
 from kinran.base.frames import slopes
 from kinran.fit import slope
@@ -33,6 +32,8 @@ def deal(lights: Array, folds: int) -> NDArray[np.intp]:
 
 def surrounded(these: Array, others: Array) -> NDArray[np.bool_]:
     """Whether each of these lights (m, 3) is inside the convex hull of the others (n, 3) in (l_x, l_y); (m,)."""
+    from scipy.spatial import Delaunay, QhullError
+
     try:
         return np.asarray(Delaunay(others[:, :2]).find_simplex(these[:, :2]) >= 0)
     except (QhullError, ValueError):  # fewer than three lights, or all on a line

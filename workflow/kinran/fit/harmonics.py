@@ -5,7 +5,6 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import lpmv
 
 Array = NDArray[np.float64]
 
@@ -23,6 +22,8 @@ def harmonics(count: int) -> Callable[[Array], Array]:
     orders = [(l, m) for l in range(math.isqrt(count - 1) + 1) for m in range(-l, l + 1)][:count]  # noqa: E741
 
     def values(lights: Array) -> Array:
+        from scipy.special import lpmv
+
         z, phi = 2 * lights[:, 2] - 1, np.arctan2(lights[:, 1], lights[:, 0])
         columns = []
         for l, m in orders:  # noqa: E741 (the field's letter)

@@ -8,7 +8,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from kinran.base.files import InputError, sha256, write_json
 from kinran.base.npz import read_npz
@@ -162,6 +161,8 @@ def _scatter(data: dict[str, NDArray[Any]], maps: dict[str, Map], covered: NDArr
 
 def _fill(maps: dict[str, Map], valid: NDArray[np.bool_], labels: LabelMap) -> int:
     """Give texels without a fit that of the nearest texel of their region, and return their number."""
+    from scipy.ndimage import distance_transform_edt
+
     for label in np.unique(labels[~valid]):
         donors = valid & (labels == label)
         if not donors.any():

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from kinran.base import frames
 from kinran.fit import slope
@@ -49,7 +48,7 @@ def robust(
 def _without_spikes(samples: Samples) -> Single:
     """Samples (texel, 3, light) cut at the second largest of their three nearest lights, for a robust start."""
     s = frames.slopes(samples.under.directions)
-    near = cKDTree(s).query(s, min(4, len(s)))[1][:, 1:]
+    near = frames.nearest(s, 4)[1][:, 1:]
     if near.shape[1] < 2:
         return samples.T
     around = np.sort(samples.T[:, :, near], axis=3)[..., -2]

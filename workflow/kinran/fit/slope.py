@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from kinran.base import frames
 from kinran.data.texel_directions import Index, Under
@@ -130,7 +129,7 @@ def resolution(lights: Array, lobes: int = 1) -> float:
     s = frames.slopes(lights)
     if len(s) < 2:
         return MAX_WIDTH / 2
-    nearest = cKDTree(s).query(s, 2)[0][:, 1]
+    nearest = frames.nearest(s, 2)[0][:, 1]
     return float(np.clip(NEEDLE[lobes] * np.median(nearest), NARROWEST, MAX_WIDTH / 2))
 
 

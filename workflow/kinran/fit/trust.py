@@ -7,7 +7,6 @@ flickered, has larger residuals than its neighbours in most texels; an outlier h
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from kinran.base import frames
 from kinran.fit import robust_weights, slope
@@ -40,7 +39,7 @@ def learn(samples: Samples, lobes: Lobes, threads: int) -> tuple[Single, bool]:
         Whether Huber's loss is better than least squares.
     """
     s = frames.slopes(samples.under.directions)
-    near = cKDTree(s).query(s, min(NEIGHBOURS + 1, len(s)))[1]
+    near = frames.nearest(s, NEIGHBOURS + 1)[1]
     factors = np.ones(len(s), np.float32)
     if len(s) <= NEIGHBOURS or not len(samples):
         return factors, False
