@@ -7,9 +7,10 @@ every later variant.
 import mitsuba as mi
 
 from kinran_bsdf import aov, bsdf
+from kinran_bsdf.bsdf import shared_maps
 from kinran_bsdf.material import Material, read_material, write_material
 
-__all__ = ["Material", "read_material", "write_material"]
+__all__ = ["Material", "read_material", "shared_maps", "write_material"]
 
 
 def _register(old: str | None, new: str | None) -> None:

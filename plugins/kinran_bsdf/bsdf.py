@@ -1,6 +1,7 @@
 """The BSDF `kinran`, for the current variant of Mitsuba."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import drjit as dr
@@ -18,6 +19,23 @@ DEFENSIVE = 0.1
 RESIDUAL_LEAST = 1e-6
 """Least albedo of the diffuse term in sampling where there is a residual, which can be bright where all terms are 0. A
 choice: any positive number keeps sampling unbiased."""
+
+
+_shared: list[dict[tuple[Any, ...], Any]] = []
+"""Maps of the materials that were read, for each `shared_maps` that has not ended. Mitsuba's threads share it."""
+
+
+@contextmanager
+def shared_maps() -> Iterator[None]:
+    """Read a material once, however many scenes with it are loaded in this context, as for the frames of an animation.
+
+    Its files must stay as they are meanwhile. What is changed through `mi.traverse` changes in all of these scenes.
+    """
+    _shared.append(_shared[-1] if _shared else {})
+    try:
+        yield
+    finally:
+        _shared.pop()
 
 
 def register() -> None:
@@ -310,7 +328,18 @@ def _maps(props: Any, pyramid: bool) -> tuple[Any, float]:
         tail = _choice(props, "tail", TAILS[0], TAILS)
         lobes = max((n for n in model.counts if f"lobe{n}" in props), default=model.counts[0])
         return TextureMaps(props, model.of(tail, lobes)), GRAZING
-    material = read_material(str(mi.file_resolver().resolve(props["filename"])))
+    path = str(mi.file_resolver().resolve(props["filename"]))
+    choices = str(props.get("filter", "")), str(props.get("wrap_mode", ""))
+    key = (mi.variant(), path, *choices, pyramid)
+    known = _shared[-1] if _shared else {}
+    if key not in known:
+        known[key] = _packed(props, path, pyramid)
+    return known[key]
+
+
+def _packed(props: Any, path: str, pyramid: bool) -> tuple[PackedMaps, float]:
+    """Return the maps of a material file, and the cosine from which it fades to the horizon."""
+    material = read_material(path)
     filtered, what = material.reflection.filtered, f"would average angles of {material.model}"
     mode = _choice(props, "filter", "bilinear" if filtered else "nearest", ("nearest", "bilinear"))
     if not filtered and mode != "nearest":

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from plugin_fabrics import centres, evaluate, in_variant, interaction, load
 
-from kinran_bsdf import Material, write_material
+from kinran_bsdf import Material, bsdf, shared_maps, write_material
 from kinran_bsdf.models.lambert import diffuse_lift
 from kinran_bsdf.models.model import grazing
 from kinran_bsdf.relight import clamp, relight
@@ -206,3 +206,26 @@ def test_white_furnace_with_the_clamp(jit: str, fabric: Callable[..., Material],
     weight = np.array(bsdf.sample(mi.BSDFContext(), si, mi.Float(u[0]), mi.Point2f(u[1:]))[1])
     albedo = weight.reshape(3, -1, n).mean(-1)
     assert 0.95 < albedo.max() < 1.02
+
+
+def test_scenes_share_maps_that_are_read_once_where_asked(
+    fabric: Callable[..., Material], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mi.set_variant("llvm_ad_rgb")
+    write_material(tmp_path / "a.exr", fabric("slope", 1, "gaussian"))
+    write_material(tmp_path / "b.exr", fabric("slope", 2, "gaussian"))
+    reads: list[str] = []
+    read = bsdf.read_material
+    monkeypatch.setattr(bsdf, "read_material", lambda path: reads.append(Path(path).name) or read(path))
+    with shared_maps():
+        first, nearest, same, other = (
+            load(tmp_path / name, **more)
+            for name, more in (("a.exr", {}), ("a.exr", {"filter": "nearest"}), ("a.exr", {}), ("b.exr", {}))
+        )
+        with shared_maps():
+            assert load(tmp_path / "a.exr").maps is first.maps
+        assert same.maps is first.maps
+        assert nearest.maps is not first.maps
+        assert other.maps is not first.maps
+        assert reads == ["a.exr", "a.exr", "b.exr"]
+    assert load(tmp_path / "a.exr").maps is not first.maps

@@ -173,8 +173,9 @@ def _to_variables(scene: Any) -> None:
         return
     values = mi.traverse(scene)
     for name, value in list(values.items()):
-        dr.make_opaque(value)
-        values[name] = value
+        if not name.endswith(".maps"):  # these are no literals, and large
+            dr.make_opaque(value)
+            values[name] = value
     values.update()
 
 
@@ -266,17 +267,20 @@ def sweep(scene_file: Path, out: Path, frames: int, variant: str | None = None) 
         raise InputError(f"--sweep {frames}: a sweep has at least two frames")
     check_files(scene_file)
     use_variant(variant)
+    from kinran_bsdf import shared_maps
+
     width, height = SWEEP_SIZE
     sheet = Image.new("RGB", (frames * width, 2 * height))
     draw = ImageDraw.Draw(sheet)
     angles = np.linspace(-SWEEP_ANGLE, SWEEP_ANGLE, frames)
     places = [(row, column) for row in range(2) for column in range(frames)]
-    for row, column in progress(places, f"sweep {scene_file.name}", "frames"):
-        axis, angle = ("weft", "warp")[row], angles[column]
-        light = {"key_weft": "0", "key_warp": "0", f"key_{axis}": f"{angle:.3f}"}
-        scene = load(scene_file, **light, width=str(width), height=str(height))
-        _to_variables(scene)
-        corner = (column * width, row * height)
-        sheet.paste(Image.fromarray(develop(render(scene, SWEEP_SPP))), corner)
-        draw.text((corner[0] + 5, corner[1] + 4), f"{axis} {angle:+.0f}°", fill="white")
+    with shared_maps():
+        for row, column in progress(places, f"sweep {scene_file.name}", "frames"):
+            axis, angle = ("weft", "warp")[row], angles[column]
+            light = {"key_weft": "0", "key_warp": "0", f"key_{axis}": f"{angle:.3f}"}
+            scene = load(scene_file, **light, width=str(width), height=str(height))
+            _to_variables(scene)
+            corner = (column * width, row * height)
+            sheet.paste(Image.fromarray(develop(render(scene, SWEEP_SPP))), corner)
+            draw.text((corner[0] + 5, corner[1] + 4), f"{axis} {angle:+.0f}°", fill="white")
     _write_png(out, sheet)
