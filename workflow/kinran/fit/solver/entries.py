@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from kinran.fit.solver.facets import facets
 from kinran.fit.solver.fused import fit_block
 from kinran.fit.solver.hessian import covariances
 from kinran.fit.solver.lobes import DIFFUSE_SIZE, GGX, LOBE_SIZE
@@ -42,6 +43,7 @@ def compile_all() -> None:
         colours,
         np.zeros(1),
     )
+    facets(single, weights, np.zeros((3, 1)), np.zeros((1, 3)))
     summed(GGX, shapes, colours, np.zeros((1, 2)), double, single)
     one = np.zeros((1, 1))
     peaks(shapes, one, np.zeros((1, 2)), single, weights, weights, np.zeros(1), one, one)
