@@ -114,5 +114,6 @@ def coarse(trial: Trial, factor: int, labels: NDArray[np.intp], second: NDArray[
         held=seen(trial.held),
         truth=of(trial.truth),
         valid=of(trial.valid, np.min) == 1,
+        full=of(trial.full, np.max) == 1,
         shape=labels.shape,
     )

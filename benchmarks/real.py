@@ -13,6 +13,7 @@ import yaml
 from numpy.typing import NDArray
 
 from benchmarks import real_nbrdf, real_sets, stages
+from kinran.base import frames
 from kinran.base.files import InputError, read_json, write_json
 from kinran.base.project import ROOT
 from kinran.compare import errors
@@ -20,17 +21,19 @@ from kinran.compare.baselines import basis, components, interpolation
 from kinran.compare.default import said
 from kinran.compare.method import bytes_per_texel
 from kinran.compare.methods.plates import SMOOTHING
-from kinran.compare.trial import Trial
+from kinran.compare.trial import Trial, middle
 from kinran.compare.trial import read as read_trial
-from kinran.data import metrics
 from kinran.data.fabric import Fabric
-from kinran.fit import residual
+from kinran.data.radiance_stack import Stack
+from kinran.fit import lambert, residual
+from kinran.fit.cross_validation import surrounded
 from kinran.fit.few_lights import FEW_LIGHTS
 from kinran.fit.fitted_model import Fitted
 from kinran.fit.harmonics import harmonics
 from kinran.fit.lambert_normals import normals
 from kinran.fit.samples import Samples
-from kinran_bsdf.material import read_material
+from kinran_bsdf.material import Material, read_material
+from kinran_bsdf.relight import relight
 
 Single = NDArray[np.float32]
 
@@ -43,8 +46,11 @@ PEERS: dict[str, tuple[int, Callable[[Samples], Fitted]]] = {
     "thin plate": (3, lambda samples: interpolation.fit(samples, PLATE)),
 }
 """Number of channels that share their numbers, and function that fits. PCA takes each channel of a texel by itself."""
-COMPARED = ("PTM", "HSH16", "PCA9")
+COMPARED = ("PTM", "HSH16", "PCA9", "Lambert")
 """Peers of some ten numbers per texel, like the material; the others keep all samples."""
+EVERYWHERE, DARK = 2000, 0.01
+"""Directions of light over the hemisphere at which no texel may be a spark, and the least brightness, over white, that
+sparks are measured by. Choices."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,7 +73,7 @@ def main(args: argparse.Namespace) -> None:
             result["nbrdf"] = real_nbrdf.measure(args.data / "nbrdf")
         else:
             result["sets"][name] = row = measure(known[name](args.data))
-            _print(name, row)
+            print_row(name, row)
         write_json(args.out, result)
 
 
@@ -89,7 +95,12 @@ def measure(real: real_sets.RealSet) -> dict[str, Any]:
                 "microseconds": fit["microseconds_per_texel"],
             }
         row["residual"] = fit["residual"]
+        material = read_material(folder / "residual.exr")
+        row["promise"] = _promise(trial, fit["residual"], material, fabric.stack)
+        y0, y1, x0, x1 = middle(fabric.stack)
+        row["brightest_between"] = _brightest_between(material.part(slice(y0, y1), slice(x0, x1)), trial)
     row["methods"].update({name: _peer(name, trial) for name in PEERS})
+    row["methods"]["Lambert"] = _lambert(trial)
     best = max(row["methods"][name]["psnr"] for name in COMPARED)
     if real.normals is not None:
         row["normals"] = _normals(real)
@@ -141,23 +152,57 @@ def _peer(name: str, trial: Trial) -> dict[str, float]:
     }
 
 
+def _lambert(trial: Trial) -> dict[str, float]:
+    """Errors and costs of the diffuse term alone, on facets."""
+    start = time.process_time()
+    fitted = lambert.fit(trial.samples)
+    micro = 1e6 * (time.process_time() - start) / trial.texels
+    numbers = {"bytes": 2 * fitted.numbers, "microseconds": round(micro, 2)}
+    return {**_errors(trial.measured(fitted), trial), **numbers}
+
+
+def _promise(trial: Trial, chosen: dict[str, Any], material: Material, stack: Stack) -> dict[str, float]:
+    """PSNR in dB that cross-validation promised, and that under the held-out lights which others surround."""
+    training = trial.samples.under.directions
+    inside = surrounded(trial.held.directions, training)
+    by_light = errors.psnr(said(material, stack), trial)[inside]
+    held_out = float(by_light.mean()) if inside.any() else float("nan")
+    return {"promised": chosen["cross_validated_psnr"], "held_out": round(held_out, 3), "lights": int(inside.sum())}
+
+
+def _brightest_between(material: Material, trial: Trial) -> float:
+    """Largest value of a texel under `EVERYWHERE` lights of the hemisphere, over its brightest photograph.
+
+    Texels whose brightest sample is under `DARK` of the set's white count as that bright.
+    """
+    k = np.arange(EVERYWHERE) + 0.5
+    lights = frames.direction(np.arccos(1 - k / EVERYWHERE), k * np.pi * (3 - 5**0.5))
+    brightest = np.zeros((trial.texels, 3), np.float32)
+    for part in np.array_split(lights, EVERYWHERE // 40):
+        seen = relight(material, part).reshape(len(part), trial.texels, 3)
+        brightest = np.maximum(brightest, seen.max(0))
+    sampled = np.where(trial.samples.W[:, None] > 0, trial.samples.T, 0).max((1, 2))
+    return round(float((brightest.max(1) / np.maximum(sampled, DARK * trial.peak)).max()), 2)
+
+
 def _errors(predicted: Single, trial: Trial) -> dict[str, float]:
     """Errors as `kinran evaluate` computes them."""
     by_light = errors.psnr(predicted, trial)
-    p, g, v = (np.moveaxis(a, -1, 0) for a in (predicted, trial.truth, trial.valid.astype(np.float32)))
     return {
         "psnr": round(float(by_light.mean()), 3),
         "psnr_min": round(float(by_light.min()), 3),
-        "relative_error": round(metrics.relative_error(p, g, v, trial.share), 5),
+        "relative_error": round(errors.ratio_of(*errors.squares(predicted, trial)), 5),
     }
 
 
-def _print(name: str, row: dict[str, Any]) -> None:
+def print_row(name: str, row: dict[str, Any]) -> None:
+    """Print the table of a set."""
     methods = row["methods"].items()
     print(f"\n{name}: {row['lights']} lights, {row['held_out']} held out; {row['residual']}")
     print("".join(f"{'':18s}" if label is None else f"{label:>12s}" for label in (None, *row["methods"])))
     for key in ("psnr", "psnr_min", "relative_error", "bytes", "microseconds"):
         print(f"{key:18s}" + "".join(f"{values[key]:12.5g}" for _, values in methods))
+    print(f"promise {row['promise']}; brightest between lights, over brightest sample: {row['brightest_between']}")
     if "normals" in row:
         print(f"mean error of the normals, degrees: {row['normals']}")
     print(f"above the best peer: {row['above_the_best_peer']:+.2f} dB", flush=True)

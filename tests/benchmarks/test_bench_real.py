@@ -45,7 +45,7 @@ def test_a_set_is_measured_beside_its_peers(row: dict[str, Any]) -> None:
     """Every method by the same lights held out; the lobes are better than any that does not know of them."""
     assert (row["lights"], row["held_out"]) == (49, 7)
     methods = row["methods"]
-    assert methods.keys() == {"lobes", "Kinran", *real.PEERS}
+    assert methods.keys() == {"lobes", "Kinran", "Lambert", *real.PEERS}
     best = max(methods[name]["psnr"] for name in real.COMPARED)
     assert row["above_the_best_peer"] == pytest.approx(methods["Kinran"]["psnr"] - best, abs=0.01)
     assert row["above_the_best_peer"] > 3

@@ -105,3 +105,13 @@ def test_criteria_weigh_the_residual_against_the_numbers() -> None:
     assert more["aic"] - small["aic"] == pytest.approx(2, abs=1e-6)
     assert more["bic"] - small["bic"] == pytest.approx(np.log(n), abs=1e-6)
     assert errors.criteria(T, tried, 10) == {}
+
+
+def test_more_light_than_a_saturated_sample_is_no_error() -> None:
+    tried = shiny_trial()
+    full = tried.truth > np.median(tried.truth)
+    shown = replace(tried, full=full)
+    brighter = np.where(full, 2 * tried.truth, tried.truth)
+    assert errors.summary(brighter, tried)["relative_error"] > 0.9
+    assert errors.summary(brighter, shown)["relative_error"] == 0
+    assert errors.summary(np.where(full, 0.5 * tried.truth, tried.truth), shown)["relative_error"] > 0.4

@@ -7,21 +7,6 @@ from kinran.base.encoding import parse
 from kinran.data import metrics
 
 
-def test_relative_error_by_hand() -> None:
-    truth = np.array([[[1.0, 0, 0]], [[2.0, 0, 0]]], np.float32)
-    predicted = truth + np.array([[[0.5, 0, 0]], [[0, 0, 0]]], np.float32)
-    ones = np.ones_like(truth)
-    assert metrics.relative_error(predicted, truth, ones, np.ones(2)) == pytest.approx((0.25 / 5) ** 0.5)
-    assert metrics.relative_error(predicted, truth, ones, np.array([4.0, 1.0])) == pytest.approx((1 / 8) ** 0.5)
-    ones[0] = 0
-    assert metrics.relative_error(predicted, truth, ones, np.ones(2)) == 0
-
-
-def test_predicting_nothing_is_an_error_of_one() -> None:
-    truth = np.random.default_rng(0).random((3, 5, 3)).astype(np.float32)
-    assert metrics.relative_error(0 * truth, truth, np.ones_like(truth), np.ones(3)) == pytest.approx(1)
-
-
 def test_psnr_by_hand() -> None:
     truth = np.zeros((2, 3), np.float32)
     assert metrics.psnr(truth + 0.1, truth, np.ones_like(truth)) == pytest.approx(20, abs=1e-4)

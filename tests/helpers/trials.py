@@ -36,6 +36,7 @@ def shiny_trial(seed: int = 0) -> Trial:
         held=Under.far(lights[held], texels),
         truth=np.ascontiguousarray(T[:, :, held]),
         valid=np.ones((texels, 3, int(held.sum())), bool),
+        full=np.zeros((texels, 3, int(held.sum())), bool),
         share=np.sqrt(1 - lights[held, 2] ** 2),
         regions=("gold", "red"),
         shape=SHAPE,

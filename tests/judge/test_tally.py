@@ -21,6 +21,12 @@ LIGHTS = tuple(Light(f"l{i}", (0.0, np.sin(i / 7), np.cos(i / 7)), None, (1, i),
 REGIONS = [Region(0, "gold", 10, (0.5, 0.4, 0.1), 1.0), Region(1, "red", 20, (0.5, 0.1, 0.1), 1.0)]
 
 
+def relative_error(predicted: np.ndarray, truth: np.ndarray, valid: np.ndarray, weight: np.ndarray) -> float:
+    """√(Σ w (m − g)² / Σ w g²) of values (light, texel, 3)."""
+    w = weight[:, None, None] * valid
+    return float(np.sqrt((w * (predicted.astype(float) - truth) ** 2).sum() / (w * truth.astype(float) ** 2).sum()))
+
+
 @pytest.fixture
 def stack(tmp_path: Path) -> Stack:
     rng = np.random.default_rng(0)
@@ -67,13 +73,13 @@ def test_errors_in_tiles_are_those_of_the_whole(stack: Stack, whole: HeldOut) ->
         decibels = [metrics.psnr(dp[i], dg[i], v[i]) for i in range(3)]
         assert part["psnr"] == pytest.approx(np.mean(decibels), abs=2e-3)
         assert part["psnr_min"] == pytest.approx(min(decibels), abs=2e-3)
-        assert part["relative_error"] == pytest.approx(metrics.relative_error(p, g, v, whole.share), abs=2e-5)
+        assert part["relative_error"] == pytest.approx(relative_error(p, g, v, whole.share), abs=2e-5)
     p, g, v = of[:3]
-    texel = [metrics.relative_error(p[:, [k]], g[:, [k]], v[:, [k]], whole.share) for k in range(p.shape[1])]
+    texel = [relative_error(p[:, [k]], g[:, [k]], v[:, [k]], whole.share) for k in range(p.shape[1])]
     assert found["texel_median"] == pytest.approx(np.median(texel), abs=2e-5)
     assert found["texel_p95"] == pytest.approx(np.percentile(texel, 95), abs=2e-5)
     one = found["lights"]["l4"]
-    assert one["relative_error"] == pytest.approx(metrics.relative_error(p[[1]], g[[1]], v[[1]], np.ones(1)), abs=2e-5)
+    assert one["relative_error"] == pytest.approx(relative_error(p[[1]], g[[1]], v[[1]], np.ones(1)), abs=2e-5)
 
 
 def test_a_perfect_prediction_has_no_error(stack: Stack, whole: HeldOut) -> None:
@@ -117,3 +123,18 @@ def test_means_of_blocks_that_tiles_cut(stack: Stack, step: int) -> None:
         block = images[:, y * step : (y + 1) * step, x * step : (x + 1) * step]
         np.testing.assert_allclose(found[:, y, x], block.mean((1, 2)), rtol=1e-5)
     assert found.shape == (2, -(-HEIGHT // step), -(-WIDTH // step), 3)
+
+
+def test_more_light_than_a_saturated_sample_is_no_error(whole: HeldOut) -> None:
+    truth = np.full_like(whole.truth, 0.5)
+    truth[:, :10] = 1
+    held = replace(whole, truth=truth, valid=np.ones_like(whole.valid), full=truth >= 1)
+    found = []
+    for predicted in (truth, truth * np.where(truth >= 1, 3, 1), truth * np.where(truth >= 1, 0.8, 1), truth * 1.2):
+        tally = Tally(Survey(whole.lights, whole.share, 1.0, truth.mean((1, 2, 3))), REGIONS)
+        tally.add(held, predicted.astype(np.float32), np.zeros(HEIGHT * WIDTH, int))
+        found.append(tally.errors()["relative_error"])
+    assert found[:2] == [0, 0]
+    assert found[2] > 0.1
+    dark = (0.1**2 * 60 / (0.5**2 * 60 + 10)) ** 0.5  # the saturated rows count as energy, not as error
+    assert found[3] == pytest.approx(dark, abs=1e-4)

@@ -26,7 +26,7 @@ EXACT = 1e-10
 def squares(predicted: Single, trial: Trial) -> tuple[Array, Array]:
     """Weighted squared errors and energies (texel, light) of a prediction (texel, 3, light), summed over channels."""
     w = trial.share * trial.valid
-    difference = predicted.astype(float) - trial.truth
+    difference = trial.allowed(predicted).astype(float) - trial.truth
     return (w * difference**2).sum(1), (w * trial.truth.astype(float) ** 2).sum(1)
 
 
@@ -41,7 +41,7 @@ def summary(predicted: Single, trial: Trial) -> dict[str, float]:
     e, g = squares(predicted, trial)
     by_texel = np.sqrt(e.sum(1) / np.maximum(g.sum(1), 1e-12))
     floor = trial.peak / LOG_COMPRESSION
-    ratio = (np.maximum(predicted, 0) + floor) / (np.maximum(trial.truth, 0) + floor)
+    ratio = (np.maximum(trial.allowed(predicted), 0) + floor) / (np.maximum(trial.truth, 0) + floor)
     valid = trial.valid.sum() or 1
     return {
         "relative_error": ratio_of(e, g),
@@ -108,7 +108,8 @@ def by_region(predicted: Single, trial: Trial) -> dict[str, float]:
 
 def psnr(predicted: Single, trial: Trial) -> Array:
     """PSNR (light,), in dB, of displayed values in the stack's RGB, as `kinran evaluate` computes it."""
-    p, g, v = (np.moveaxis(a, -1, 0) for a in (predicted, trial.truth, trial.valid.astype(np.float32)))
+    seen = trial.allowed(predicted)
+    p, g, v = (np.moveaxis(a, -1, 0) for a in (seen, trial.truth, trial.valid.astype(np.float32)))
     shown = [metrics.to_display(a, trial.coder, trial.peak) for a in (p, g)]
     return np.array([metrics.psnr(*of_light) for of_light in zip(*shown, v, strict=True)])
 
@@ -118,7 +119,7 @@ def pictures(predicted: Single, trial: Trial) -> dict[str, float]:
     height, width = trial.shape
     if height * width != trial.texels:
         return {}
-    seen = np.where(trial.valid, predicted, trial.truth)
+    seen = np.where(trial.valid, trial.allowed(predicted), trial.truth)
     m, g = (np.einsum("cd,tdl->tcl", trial.to_rec709.astype(np.float32), a) for a in (seen, trial.truth))
     result = {}
     display = [metrics.to_display(light, trial.coder, trial.peak) for light in (m, g)]

@@ -1,6 +1,7 @@
 """Trials of methods: training samples that they see, and held-out photographs that they are judged by."""
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from kinran.fit.fitted_model import Fitted
 from kinran.fit.samples import Samples, read_samples, training_lights
 from kinran_bsdf.colours import TO_REC709
 
+T_ = TypeVar("T_", bound=np.generic)
 Single = NDArray[np.float32]
 Array = NDArray[np.float64]
 
@@ -41,6 +43,8 @@ class Trial:
         Radiance under the held-out lights as measured, in the stack's unit.
     valid : (texel, 3, light) bool
         Whether a held-out sample is valid, so that predictions can be judged by it.
+    full : (texel, 3, light) bool
+        Whether a held-out sample of a photograph is saturated, so that its light was that or more.
     share : (light,)
         Share of the sphere that each held-out light stands for.
     regions
@@ -62,6 +66,7 @@ class Trial:
     held: Under
     truth: Single
     valid: NDArray[np.bool_]
+    full: NDArray[np.bool_]
     share: Array
     regions: tuple[str, ...]
     shape: tuple[int, int]
@@ -79,6 +84,10 @@ class Trial:
         """Prediction (texel, 3, light) of a fit under the held-out lights, with falloff, in the unit of the stack."""
         return self.held.reaching(fitted.predict(self.held))
 
+    def allowed(self, predicted: Single) -> Single:
+        """Prediction (texel, 3, light) with what exceeds a saturated sample lowered to it."""
+        return np.where(self.full, np.minimum(predicted, self.truth), predicted)
+
     def encoded(self) -> Samples:
         """Training samples as the photographs hold them; radiance as it is."""
         return replace(self.samples, T=self.coder.encode(self.samples.T)) if self.coder else self.samples
@@ -93,7 +102,7 @@ class Trial:
 
     def of(self, texels: Index) -> "Trial":
         """The trial with some of its texels; `shape` no longer holds."""
-        parts = {name: getattr(self, name)[texels] for name in ("truth", "valid")}
+        parts = {name: getattr(self, name)[texels] for name in ("truth", "valid", "full")}
         return replace(self, samples=self.samples.of(texels), held=self.held.of(texels), **parts)
 
     def thinned(self, most: int) -> "Trial":
@@ -134,6 +143,7 @@ def read(fabric: Fabric) -> Trial:
         held=under(stack, box, held.use),
         truth=by_texel(held.truth),
         valid=by_texel(held.valid) > 0,
+        full=by_texel(held.full),
         share=held.share,
         regions=tuple(region.name for region in fabric.regions),
         shape=(box[1] - box[0], box[3] - box[2]),
@@ -151,7 +161,7 @@ def middle(stack: Stack) -> Box:
     return y, y + height, x, x + width
 
 
-def by_texel(images: Single) -> Single:
+def by_texel(images: NDArray[T_]) -> NDArray[T_]:
     """Images (light, y, x, 3) as (texel, 3, light)."""
     return np.ascontiguousarray(images.reshape(len(images), -1, 3).transpose(1, 2, 0))
 

@@ -30,6 +30,8 @@ class HeldOut:
         Measured radiance in the stack's unit; 0 where `valid` is 0.
     valid : (light, y, x, 3) float32
         1 for sound samples; 0 for defective and shifted ones and, in radiance, saturated ones.
+    full : (light, y, x, 3) bool
+        Whether a sample of a photograph is saturated, so that its light was that or more.
     coder
         Encoding of photographs; None for radiance.
     peak
@@ -40,6 +42,7 @@ class HeldOut:
     use: NDArray[np.intp]
     truth: Images
     valid: Images
+    full: NDArray[np.bool_]
     coder: encoding.Encoding | None
     peak: float
 
@@ -53,7 +56,12 @@ class HeldOut:
         truth = np.where(valid, seen.value, np.float32(0))
         coder = encoding.parse(stack.encoding) if stack.encoding else None
         own = peak or float(np.percentile(truth, PEAK)) or 1.0
-        return cls([stack.lights[i] for i in use], use, truth, valid.astype(np.float32), coder, own)
+        full = valid & seen.has(SATURATED)
+        return cls([stack.lights[i] for i in use], use, truth, valid.astype(np.float32), full, coder, own)
+
+    def allowed(self, predicted: Images) -> Images:
+        """Return a prediction with what exceeds a saturated sample lowered to it, as it may well be right there."""
+        return np.where(self.full, np.minimum(predicted, self.truth), predicted)
 
     @property
     def share(self) -> NDArray[np.float64]:

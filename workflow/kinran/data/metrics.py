@@ -15,23 +15,6 @@ FAINTEST = 1e-12
 """Least mean squared error, 120 dB, so that equal images get a number. Float32 rounds values in [0, 1] to 6e-8."""
 
 
-def relative_error(predicted: Images, truth: Images, valid: Images, weight: NDArray[np.float64]) -> float:
-    """Return the relative error √(Σ w (m − g)² / Σ w g²) over lights, texels and channels, which highlights dominate.
-
-    Parameters
-    ----------
-    predicted, truth : (light, texel, 3) float32
-        Predictions m and measurements g, in one unit.
-    valid : (light, texel, 3) float32
-        1 for sound samples; 0 for saturated or defective ones.
-    weight : (light,) float
-        Relative solid angle that each light stands for.
-    """
-    w = weight[:, None, None] * valid
-    bottom = float((w * truth.astype(float) ** 2).sum())
-    return float(np.sqrt((w * (predicted.astype(float) - truth) ** 2).sum() / bottom)) if bottom > 0 else 0.0
-
-
 def psnr(display_predicted: Images, display_truth: Images, valid: Images) -> float:
     """Return the peak signal-to-noise ratio in dB of values (...) in [0, 1]; at most 120."""
     total = float(valid.sum())

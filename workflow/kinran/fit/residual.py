@@ -45,8 +45,8 @@ EXACT_DB = 80.0
 the stack's float16 rounds there."""
 SURE = 2.0
 """Standard errors, over pairs of lights, from which a gain counts as sure: about one chance in forty. A choice."""
-COMPONENTS = (4, 9, 16)
-"""Numbers of principal components that are tried: those of hemispherical harmonics of two to four orders. Choices."""
+COMPONENTS = (4, 9, 16, 25)
+"""Numbers of principal components that are tried: those of hemispherical harmonics of two to five orders. Choices."""
 SMOOTHING = (1e-3, 1e-2, 3e-2, None)
 """Smoothing of thin plates that is tried; None takes harmonics instead. Choices."""
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)

@@ -3,7 +3,7 @@
 import functools
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from kinran.fit.harmonics import harmonics
 from kinran.fit.samples import Samples, read_samples
 from kinran.judge.tally import Tally
 
+T_ = TypeVar("T_", bound=np.generic)
 Images = NDArray[np.float32]
 
 TILES = 16
@@ -71,7 +72,7 @@ class SimpleBaselines:
         stack = self._fabric.stack
         labels = self._fabric.labels[box[0] : box[1], box[2] : box[3]].reshape(-1)
         at = np.linspace(0, labels.size - 1, min(self._most, labels.size)).astype(np.intp)
-        part = replace(held, truth=_row(held.truth, at), valid=_row(held.valid, at))
+        part = replace(held, truth=_row(held.truth, at), valid=_row(held.valid, at), full=_row(held.full, at))
         self._texels += len(at)
         self._material.add(part, _row(predicted, at), labels[at])
         samples, towards = read_samples(self._fabric, box).of(at), under(stack, box, held.use).of(at)
@@ -89,7 +90,7 @@ class SimpleBaselines:
         }
 
 
-def _row(images: Images, at: NDArray[np.intp]) -> Images:
+def _row(images: NDArray[T_], at: NDArray[np.intp]) -> NDArray[T_]:
     """Some texels of images (light, y, x, 3), as images of one row."""
     return images.reshape(len(images), 1, -1, 3)[:, :, at]
 

@@ -37,7 +37,7 @@ class Tally:
     def add(self, held: HeldOut, predicted: Images, labels: NDArray[np.integer]) -> None:
         """Add the prediction (light, y, x, 3) of a tile, and the labels (texel,) of its texels."""
         inside = np.stack([np.ones(labels.shape), *(labels == region.label for region in self._regions)], -1)
-        valid, truth = held.valid, held.truth
+        valid, truth, predicted = held.valid, held.truth, held.allowed(predicted)
         shown = valid * (held.shown(predicted).astype(float) - held.shown(truth)) ** 2
         error, energy = valid * (predicted.astype(float) - truth) ** 2, valid * truth.astype(float) ** 2
         by_texel = [values.sum(-1, dtype=float).reshape(len(values), -1) for values in (shown, valid, error, energy)]
@@ -83,5 +83,5 @@ class Tally:
 
 
 def _relative(error: float, energy: float) -> float:
-    """Return the relative error of sums of squares, as `metrics.relative_error` does; 0 where nothing was sound."""
+    """Return the relative error √(Σ w (m − g)² / Σ w g²) of two sums; 0 where nothing was sound."""
     return round(float(np.sqrt(error / energy)), 5) if energy > 0 else 0.0
