@@ -38,8 +38,8 @@ SAMPLE = 1024
 BASIS = 64
 """Most tiles that the components are found from: 262,144 texels, for some hundred lights. A choice."""
 LEAST_GAIN_DB = 0.2
-"""Gain in cross-validated PSNR, dB, that a residual needs to be worth its bytes. A choice: a light that is left out is a
-whole step of the dome from the others, any other direction half of one, where the gain is up to twice as large
+"""Gain in cross-validated PSNR, dB, that a residual needs to be worth its bytes. A choice: a light that is left out is
+a whole step of the dome from the others, any other direction half of one, where the gain is up to twice as large
 (`kinran bench objects`)."""
 EXACT_DB = 80.0
 """PSNR, dB, from which a prediction is exact, and no residual worth its bytes: a ten-thousandth of white, about what
