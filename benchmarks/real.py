@@ -4,7 +4,7 @@ import argparse
 import platform
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -77,8 +77,8 @@ def main(args: argparse.Namespace) -> None:
         write_json(args.out, result)
 
 
-def measure(real: real_sets.RealSet) -> dict[str, Any]:
-    """Errors and costs of the material and of the peers on one set."""
+def measure(real: real_sets.RealSet, rivals: Mapping[str, Callable[[Trial], dict[str, Any]]] = {}) -> dict[str, Any]:
+    """Errors and costs of the material, of the peers and of more rivals on one set."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         real.write(folder / "radiance.zarr")
@@ -90,7 +90,7 @@ def measure(real: real_sets.RealSet) -> dict[str, Any]:
         for label, maps, cost in (("lobes", "material", "slope"), ("Kinran", "residual", "residual")):
             fit = read_json(folder / f"{cost}.json")
             row["methods"][label] = {
-                **_errors(said(read_material(folder / f"{maps}.exr"), fabric.stack), trial),
+                **errors_of(said(read_material(folder / f"{maps}.exr"), fabric.stack), trial),
                 "bytes": fit["bytes_per_texel"],
                 "microseconds": fit["microseconds_per_texel"],
             }
@@ -101,6 +101,7 @@ def measure(real: real_sets.RealSet) -> dict[str, Any]:
         row["brightest_between"] = _brightest_between(material.part(slice(y0, y1), slice(x0, x1)), trial)
     row["methods"].update({name: _peer(name, trial) for name in PEERS})
     row["methods"]["Lambert"] = _lambert(trial)
+    row["methods"].update({name: rival(trial) for name, rival in rivals.items()})
     best = max(row["methods"][name]["psnr"] for name in COMPARED)
     if real.normals is not None:
         row["normals"] = _normals(real)
@@ -146,7 +147,7 @@ def _peer(name: str, trial: Trial) -> dict[str, float]:
     micro = 1e6 * (time.process_time() - start) / trial.texels
     predicted = trial.decoded(fitted.predict(trial.held).reshape(trial.truth.shape))
     return {
-        **_errors(predicted, trial),
+        **errors_of(predicted, trial),
         "bytes": round(3 / channels * bytes_per_texel(fitted, len(samples)), 1),
         "microseconds": round(micro, 2),
     }
@@ -158,16 +159,22 @@ def _lambert(trial: Trial) -> dict[str, float]:
     fitted = lambert.fit(trial.samples)
     micro = 1e6 * (time.process_time() - start) / trial.texels
     numbers = {"bytes": 2 * fitted.numbers, "microseconds": round(micro, 2)}
-    return {**_errors(trial.measured(fitted), trial), **numbers}
+    return {**errors_of(trial.measured(fitted), trial), **numbers}
 
 
-def _promise(trial: Trial, chosen: dict[str, Any], material: Material, stack: Stack) -> dict[str, float]:
+def _promise(trial: Trial, chosen: dict[str, Any], material: Material, stack: Stack) -> dict[str, Any]:
     """PSNR in dB that cross-validation promised, and that under the held-out lights which others surround."""
     training = trial.samples.under.directions
     inside = surrounded(trial.held.directions, training)
     by_light = errors.psnr(said(material, stack), trial)[inside]
     held_out = float(by_light.mean()) if inside.any() else float("nan")
-    return {"promised": chosen["cross_validated_psnr"], "held_out": round(held_out, 3), "lights": int(inside.sum())}
+    return {
+        "promised": chosen["cross_validated_psnr"],
+        "held_out": round(held_out, 3),
+        "lights": int(inside.sum()),
+        "promised_by_theta": chosen["by_theta"],
+        "held_out_by_theta": residual.by_theta(by_light, trial.held.directions[inside]),
+    }
 
 
 def _brightest_between(material: Material, trial: Trial) -> float:
@@ -185,7 +192,7 @@ def _brightest_between(material: Material, trial: Trial) -> float:
     return round(float((brightest.max(1) / np.maximum(sampled, DARK * trial.peak)).max()), 2)
 
 
-def _errors(predicted: Single, trial: Trial) -> dict[str, float]:
+def errors_of(predicted: Single, trial: Trial) -> dict[str, float]:
     """Errors as `kinran evaluate` computes them."""
     by_light = errors.psnr(predicted, trial)
     return {

@@ -4,7 +4,8 @@ import logging
 import resource
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -52,6 +53,8 @@ SMOOTHING = (1e-3, 1e-2, 3e-2, None)
 """Smoothing of thin plates that is tried; None takes harmonics instead. Choices."""
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
 """Shares of the lobes in a picture that are tried; 0 leaves everything to the residual. Choices."""
+BANDS = (0, 25, 45, 65, 90)
+"""Bounds of the bands of θ, in degrees, by which a summary tells what was promised. A choice."""
 
 Key = tuple[float, int, float | None]
 """Share of the lobes, number of components, smoothing."""
@@ -61,13 +64,14 @@ ALONE: Key = (1.0, 0, 0.0)
 
 @dataclass(frozen=True)
 class Choice:
-    """Residual that cross-validation chose, and its PSNR in dB; 0 components are the lobes alone."""
+    """Residual that cross-validation chose, and its PSNR in dB, also by θ; 0 components are the lobes alone."""
 
     share: float
     components: int
     smoothing: float | None
     psnr: float
     lobes_psnr: float
+    by_theta: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -134,6 +138,7 @@ def _summary(fitted: dict[str, Any], choice: Choice, seconds: float) -> dict[str
             "components": choice.components,
             "smoothing": choice.smoothing,
             "cross_validated_psnr": round(choice.psnr, 3),
+            "by_theta": choice.by_theta,
             "of_the_lobes_alone": round(choice.lobes_psnr, 3),
         },
     }
@@ -182,7 +187,16 @@ def cross_validate(samples: Samples, lobes: Lobes, priors: list[Prior], domain: 
             errors = [_psnr(p, g, u) for p, g, u in zip(predicted, shown[test], usable[test], strict=True)]
             scores.setdefault(key, np.zeros(len(lights)))[test] = errors
     counted = inner if inner.sum() > len(lights) / 4 else np.ones(len(lights), bool)
-    return pick({key: values[counted] for key, values in scores.items()})
+    choice = pick({key: values[counted] for key, values in scores.items()})
+    chosen = scores[choice.share, choice.components, choice.smoothing]
+    return replace(choice, by_theta=by_theta(chosen[counted], lights[counted]))
+
+
+def by_theta(values: Array, lights: Array) -> dict[str, float]:
+    """Means of values (light,) in each band of θ, in degrees, that has some of the lights (light, 3)."""
+    theta = np.degrees(np.arccos(np.clip(lights[:, 2], -1, 1)))
+    bands = [(f"{a} to {b}", (theta >= a) & (theta < b)) for a, b in pairwise(BANDS)]
+    return {name: round(float(values[inside].mean()), 2) for name, inside in bands if inside.any()}
 
 
 def pick(scores: dict[Key, Array]) -> Choice:

@@ -9,9 +9,8 @@ from kinran.base.files import InputError
 from kinran.base.project import ROOT
 
 NAMES = (
-    "adaptive", "camera", "chart", "choice", "doubts", "fabrics", "fit", "flips", "merge", "mixed", "objects", "plan",
-    "real",
-    "rig-kills", "run-kills", "size", "stability",
+    "adaptive", "camera", "chart", "choice", "doubts", "fabrics", "fit", "flips", "merge", "mixed", "neural", "objects",
+    "plan", "real", "rig-kills", "run-kills", "size", "stability",
 )  # fmt: skip
 
 
