@@ -284,17 +284,16 @@ class _Left:
             gram += left @ left.T
         return leading(gram, self.choice.components)
 
-    def maps(self, basis: Array) -> Values:
-        """Mean and components (count + 1, y, x, 3)."""
+    def maps(self, basis: Array) -> NDArray[np.float16]:
+        """Mean and components (count + 1, 3, y, x), in the precision of a material's file."""
         stack = self.fabric.stack
-        maps = np.zeros((basis.shape[1] + 1, stack.height, stack.width, 3), np.float32)
+        maps = np.zeros((basis.shape[1] + 1, 3, stack.height, stack.width), np.float16)
         for box in progress(stack.tiles(), "residual", "tiles"):
             y0, y1, x0, x1 = box
             left = self.tile(box)
             mean = left.mean(0)
-            shape = (y1 - y0, x1 - x0, 3)
-            maps[0, y0:y1, x0:x1] = mean.reshape(shape)
-            maps[1:, y0:y1, x0:x1] = (basis.T @ (left - mean)).reshape(-1, *shape)
+            whole = np.concatenate([mean[None], basis.T @ (left - mean)])
+            maps[..., y0:y1, x0:x1] = whole.reshape(-1, y1 - y0, x1 - x0, 3).transpose(0, 3, 1, 2)
         return maps
 
     def material(self) -> Material:
@@ -302,7 +301,7 @@ class _Left:
         basis = self.components()
         channels = dict(self.lobes.channels)
         for k, plane in enumerate(self.maps(basis)):
-            channels.update({f"residual{k}.{c}": np.ascontiguousarray(plane[..., i]) for i, c in enumerate("RGB")})
+            channels.update({f"residual{k}.{c}": plane[i] for i, c in enumerate("RGB")})
         lights = self.fabric.stack.directions[training_lights(self.fabric.stack)]
         splines = plates(lights, basis, self.choice.smoothing)
         return replace(self.lobes, channels=channels, residual=Residual(self.domain, self.choice.share, *splines))

@@ -87,12 +87,12 @@ COSTS = {
     "calibrate": Cost(240, 54),
     "merge": Cost(260, 140, 0, 5, 35),
     "stack": Cost(250),
-    "segment": Cost(180, 160, 0.3, 5, 0, 0.15),
+    "segment": Cost(180, 170, 0.3, 5, 0, 0.15),
     "coarsen": Cost(260, 160, 0.2, 5, 0, 0.3),
     "choice": Cost(300, 0, 0.5, 120, threaded=True),
     "prior": Cost(230, 40, 0.35, 10, threaded=True),
     "fit": Cost(180, 90, 0.35, 5, 130, 0.15),
-    "material": Cost(180, 420, 0, 2, 17),
+    "material": Cost(180, 420, 0, 2, 21),
     "residual": Cost(300, 720, 0.4, 15, 8, 0.2, threaded=True),
     "sigma": Cost(250, 370, 0.4, 5, 14, 0.3, threaded=True),
     "choose": Cost(10, seconds=0),
@@ -102,18 +102,18 @@ COSTS = {
     "own_mesh": Cost(10, seconds=0),
     "need": Cost(180, seconds=3),
     "need_to_fit": Cost(180, seconds=3),
-    "scene": Cost(150, 80, seconds=2),
-    "render": Cost(250, 1080, 0, 40, 30, threaded=True),
-    "report": Cost(400, 300, 0, 5, 5),
+    "scene": Cost(150, 260, 0, 2, 2.5),
+    "render": Cost(250, 1080, 0, 40, 8, threaded=True),
+    "report": Cost(400, 400, 0, 5, 10),
     "overview": Cost(100, seconds=1),
     "chart_kind": Cost(1500, 0, 1, 200),
     "chart_default": Cost(1500, 0, 1, 200),
     "chart_regions": Cost(600, 200, 0, 60),
 }
 """Costs of the jobs of each stage, from the peak of resident memory and the CPU time of its process (getrusage), for
-photographs of 65,536 texels × 48 lights, 1,048,576 × 12, 1,500,000 × 60 (`kinran bench size`), and 16,384 × 192, for
-the demo, and for a strip of 65,536 × 1,153 lights. Those of `merge` hold for 64 lights of five RAW frames each
-(`kinran bench merge`), those of `fit` for all jobs of the slope model with two lobes, and those of
+photographs of 65,536 texels × 48 lights, 1,048,576 × 12, 1,500,000 × 60 and 6,000,000 × 60 (`kinran bench size`),
+and 16,384 × 192, for the demo, and for a strip of 65,536 × 1,153 lights. Those of `merge` hold for 64 lights of five
+RAW frames each (`kinran bench merge`), those of `fit` for all jobs of the slope model with two lobes, and those of
 `render` for a material with a residual. `coarsen`, `choice` and the chart were not measured on large fabrics: theirs
 are guesses on the safe side."""
 

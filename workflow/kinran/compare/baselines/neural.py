@@ -75,8 +75,10 @@ def fit(samples: Samples, hidden: tuple[int, ...] | None, steps: int) -> Autoenc
     encoder, decoder = _network(3 * count, wide, CODES), _network(CODES + 2, hidden or wide, 3)
     values = np.ascontiguousarray(samples.T.reshape(len(samples), -1).T)
     weight = samples.W / max(float(samples.W.mean()), 1e-9)
-    _train(encoder, decoder, values, weight, lights, steps)
-    parts = np.array_split(values, max(1, len(samples) // 4096), axis=1)
+    mean, spread = values.mean(1, keepdims=True), values.std(1, keepdims=True) + 1e-3
+    seen = (values - mean) / spread
+    _train(encoder, decoder, seen, values, weight, lights, steps)
+    parts = np.array_split(seen, max(1, len(samples) // 4096), axis=1)
     codes = np.concatenate([_forward(part, _layers(encoder)).T for part in parts])
     return Autoencoded(codes.astype(np.float32), _layers(decoder))
 
@@ -102,8 +104,18 @@ def _network(size: int, hidden: tuple[int, ...], out: int) -> Any:
     return nn.Sequential(*parts, nn.Linear(-1, out)).alloc(TensorXf, size, dr.rng(seed=SEED))
 
 
-def _train(encoder: Any, decoder: Any, values: Single, weight: Single, lights: Single, steps: int) -> None:
-    """Train both networks on values (sample of a texel, texel) of weights (texel, light) by Adam."""
+def _train(
+    encoder: Any, decoder: Any, seen: Single, values: Single, weight: Single, lights: Single, steps: int
+) -> None:
+    """Train both networks by Adam.
+
+    Parameters
+    ----------
+    seen, values : (sample of a texel, texel)
+        What the encoder sees, and what the decoder is to make of its codes.
+    weight : (texel, light)
+        Weights of the values.
+    """
     import drjit as dr
     from drjit.llvm.ad import Float, TensorXf, UInt
     from drjit.opt import Adam
@@ -123,7 +135,7 @@ def _train(encoder: Any, decoder: Any, values: Single, weight: Single, lights: S
             network.update(optimizer)
         at = rng.integers(0, texels, batch)
         under = rng.integers(0, count, (batch, some))
-        codes = encoder(TensorXf(np.ascontiguousarray(values[:, at])))
+        codes = encoder(TensorXf(np.ascontiguousarray(seen[:, at])))
         spread = TensorXf(dr.gather(Float, codes.array, gather), (CODES, batch * some))
         inputs = dr.concat((spread, TensorXf(np.ascontiguousarray(lights[under.ravel()].T))), axis=0)
         truth = values.reshape(3, count, -1)[:, under.ravel(), at[place]]
