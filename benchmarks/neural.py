@@ -15,8 +15,8 @@ from kinran.compare.baselines import neural
 from kinran.compare.method import bytes_per_texel
 from kinran.compare.trial import Trial
 
-STEPS = {"DisK-NeuralRTI": 6000, "NeuralRTI": 1500}
-"""Steps of training of each kind: minutes of two cores. Choices; docs/fit.md has their gain from twice as many."""
+STEPS = {"DisK-NeuralRTI": 60_000, "NeuralRTI": 20_000}
+"""Steps of training of each kind: some minutes, and a quarter of an hour. Choices."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
