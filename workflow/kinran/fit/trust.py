@@ -20,12 +20,12 @@ Single = NDArray[np.float32]
 NEIGHBOURS = 6
 """Number of neighbours that a light is compared with: a ring around it. A choice."""
 ODD = 2.0
-"""Residual of a light, over that of its neighbours, from which it loses weight (docs/fit.md, "What is trusted")."""
+"""Residual of a light, over that of its neighbours, from which it loses weight (docs/fit.md, "Robust weights")."""
 ROUNDS = 2
 """Fits after which lights lose weight; the second is made without what the first left out. A choice."""
 BETTER = 0.4
 """Smoothed squared residual of Huber's fit, over that of least squares, under which all texels take Huber's loss
-(docs/fit.md, "What is trusted")."""
+(docs/fit.md, "Robust weights")."""
 
 
 def learn(samples: Samples, lobes: Lobes, threads: int) -> tuple[Single, bool]:

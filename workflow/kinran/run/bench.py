@@ -10,7 +10,7 @@ from kinran.base.project import ROOT
 
 NAMES = (
     "adaptive", "camera", "chart", "choice", "doubts", "fabrics", "fit", "flips", "merge", "mixed", "neural", "objects",
-    "plan", "real", "rig-kills", "run-kills", "size", "stability",
+    "plan", "real", "rig-kills", "run-kills", "size", "stability", "trust",
 )  # fmt: skip
 
 
