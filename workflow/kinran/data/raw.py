@@ -17,6 +17,8 @@ from kinran.data.sensor_border import read_border
 DNG_VERSION = 50706
 BLACK_TAGS = BLACK_REPEAT, BLACK_LEVEL, BLACK_DELTA_H, BLACK_DELTA_V, ACTIVE_AREA = 50713, 50714, 50715, 50716, 50829
 """Tags of DNG (1.7, ch. 4)."""
+EXIF, MOST_ISO = 34665, 65535
+"""Tag of the directory of EXIF, and the ISO that stands for a larger one, which is elsewhere (EXIF 2.32, 4.6.5)."""
 CUT_OFF = {"Input/output": "it is cut off", "Unsupported": "it is cut off, or of no camera that LibRaw knows"}
 """What LibRaw's errors on a RAW file mean: those whose directory is at their end, such as CRW, have none if cut off."""
 APART = 1 / 64
@@ -100,13 +102,19 @@ def raw_orientation(path: Path) -> int:
 
 
 def raw_exposure(path: Path) -> tuple[float, float, float]:
-    """Return shutter time in seconds, ISO and aperture of a RAW file, from its header; 0 for what is missing.
+    """Return shutter time in seconds, ISO and aperture of a RAW file; 0 for what is missing.
+
+    They come from its EXIF where it is a kind of TIFF, as most are. LibRaw knows them of all files, but rawpy decodes a
+    file before it tells.
 
     Raises
     ------
     InputError
         The file cannot be read.
     """
+    seconds, iso, aperture = _exif_exposure(path)
+    if seconds and iso:
+        return seconds, iso, aperture
     with _opened(path, header=True) as raw:
         return float(raw.other.shutter_speed), float(raw.other.iso_speed), float(raw.other.aperture)
 
@@ -272,6 +280,26 @@ def _dng_tags(path: Path) -> dict[int, NDArray[np.float64]]:
             return {number: _numbers(tags[number]) for number in BLACK_TAGS if number in tags}
     except (OSError, ValueError, tifffile.TiffFileError):
         return {}
+
+
+def _exif_exposure(path: Path) -> tuple[float, float, float]:
+    """Return shutter time, ISO and aperture of the EXIF of a kind of TIFF; 0 for what it does not say."""
+    try:
+        with tifffile.TiffFile(path) as file:
+            tags = file.pages[0].tags
+            said = {**{tag.name: tag.value for tag in tags.values()}, **(tags.valueof(EXIF) or {})}
+    except (OSError, ValueError, TypeError, KeyError, IndexError, tifffile.TiffFileError):
+        return 0.0, 0.0, 0.0
+    iso = _number(said.get("ISOSpeedRatings", said.get("PhotographicSensitivity")))
+    return _number(said.get("ExposureTime")), iso if iso < MOST_ISO else 0.0, _number(said.get("FNumber"))
+
+
+def _number(value: Any) -> float:
+    """Return a number of EXIF, a fraction divided, or the first of several; 0 for what is none."""
+    try:
+        return float(value[0] / value[1] if isinstance(value, tuple) and len(value) == 2 else np.ravel(value)[0])
+    except (TypeError, ValueError, ZeroDivisionError, IndexError):
+        return 0.0
 
 
 def _numbers(tag: Any) -> NDArray[np.float64]:
