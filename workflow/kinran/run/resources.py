@@ -84,10 +84,10 @@ COSTS = {
     "plan": Cost(80, seconds=1),
     "ingest": Cost(80, 36),
     "ingest_group": Cost(80),
-    "calibrate": Cost(240, 54),
+    "calibrate": Cost(240, 320),
     "merge": Cost(260, 140, 0, 5, 35),
     "stack": Cost(250),
-    "segment": Cost(180, 170, 0.3, 5, 0, 0.15),
+    "segment": Cost(180, 330, 0.3, 5, 0, 0.15),
     "coarsen": Cost(260, 160, 0.2, 5, 0, 0.3),
     "choice": Cost(300, 0, 0.5, 120, threaded=True),
     "prior": Cost(230, 40, 0.35, 10, threaded=True),
@@ -111,11 +111,11 @@ COSTS = {
     "chart_regions": Cost(600, 200, 0, 60),
 }
 """Costs of the jobs of each stage, from the peak of resident memory and the CPU time of its process (getrusage), for
-photographs of 65,536 texels × 48 lights, 1,048,576 × 12, 1,500,000 × 60 and 6,000,000 × 60 (`kinran bench size`),
-and 16,384 × 192, for the demo, and for a strip of 65,536 × 1,153 lights. Those of `merge` hold for 64 lights of five
-RAW frames each (`kinran bench merge`), those of `fit` for all jobs of the slope model with two lobes, and those of
-`render` for a material with a residual. `coarsen`, `choice` and the chart were not measured on large fabrics: theirs
-are guesses on the safe side."""
+photographs of 65,536 texels × 48 lights, 1,048,576 × 12, 1,500,000 × 60, 6,000,000 × 60 and RAW brackets of
+2,519,424 × 16 (`kinran bench size`), and 16,384 × 192, for the demo, and for a strip of 65,536 × 1,153 lights. Those
+of `merge` hold for 64 lights of five RAW frames each (`kinran bench merge`), those of `fit` for all jobs of the
+slope model with two lobes, and those of `render` for a material with a residual. `coarsen`, `choice` and the chart
+were not measured on large fabrics: theirs are guesses on the safe side."""
 
 
 def size_of(fabric: FabricRow, captures: Path = Path("captures")) -> Size:
