@@ -42,6 +42,12 @@ def test_numbers_of_exif(value: Any, number: float) -> None:
     assert raw._number(value) == number
 
 
+def test_an_iso_that_is_said_twice_is_no_fraction(tmp_path: Path) -> None:
+    tags: list[Any] = [(33434, "2I", 1, (1, 25), True), (34855, "H", 2, (200, 100), True)]
+    tifffile.imwrite(tmp_path / "a.tif", np.zeros((4, 4), np.uint16), extratags=tags)
+    assert raw._exif_exposure(tmp_path / "a.tif") == (0.04, 200.0, 0.0)
+
+
 def test_an_iso_that_stands_for_a_larger_one_is_none(tmp_path: Path) -> None:
     tags: list[Any] = [(33434, "2I", 1, (1, 25), True), (34855, "H", 1, 65535, True)]
     tifffile.imwrite(tmp_path / "a.tif", np.zeros((4, 4), np.uint16), extratags=tags)

@@ -134,6 +134,7 @@ def test_more_light_than_a_saturated_sample_is_no_error(whole: HeldOut) -> None:
         tally = Tally(Survey(whole.lights, whole.share, 1.0, truth.mean((1, 2, 3))), REGIONS)
         tally.add(held, predicted.astype(np.float32), np.zeros(HEIGHT * WIDTH, int))
         found.append(tally.errors()["relative_error"])
+        assert (tally.errors()["texels_above_white"] > 0) == (predicted.max() > 2)  # a spark is one all the same
     assert found[:2] == [0, 0]
     assert found[2] > 0.1
     dark = (0.1**2 * 60 / (0.5**2 * 60 + 10)) ** 0.5  # the saturated rows count as energy, not as error

@@ -290,7 +290,8 @@ def _exif_exposure(path: Path) -> tuple[float, float, float]:
             said = {**{tag.name: tag.value for tag in tags.values()}, **(tags.valueof(EXIF) or {})}
     except (OSError, ValueError, TypeError, KeyError, IndexError, tifffile.TiffFileError):
         return 0.0, 0.0, 0.0
-    iso = _number(said.get("ISOSpeedRatings", said.get("PhotographicSensitivity")))
+    sensitivity: Any = said.get("ISOSpeedRatings", said.get("PhotographicSensitivity"))
+    iso = _number(np.ravel(sensitivity)[:1])  # some say it twice, and two numbers are a fraction
     return _number(said.get("ExposureTime")), iso if iso < MOST_ISO else 0.0, _number(said.get("FNumber"))
 
 

@@ -37,9 +37,9 @@ class Tally:
     def add(self, held: HeldOut, predicted: Images, labels: NDArray[np.integer]) -> None:
         """Add the prediction (light, y, x, 3) of a tile, and the labels (texel,) of its texels."""
         inside = np.stack([np.ones(labels.shape), *(labels == region.label for region in self._regions)], -1)
-        valid, truth, predicted = held.valid, held.truth, held.allowed(predicted)
-        shown = valid * (held.shown(predicted).astype(float) - held.shown(truth)) ** 2
-        error, energy = valid * (predicted.astype(float) - truth) ** 2, valid * truth.astype(float) ** 2
+        valid, truth, allowed = held.valid, held.truth, held.allowed(predicted)
+        shown = valid * (held.shown(allowed).astype(float) - held.shown(truth)) ** 2
+        error, energy = valid * (allowed.astype(float) - truth) ** 2, valid * truth.astype(float) ** 2
         by_texel = [values.sum(-1, dtype=float).reshape(len(values), -1) for values in (shown, valid, error, energy)]
         for total, values in zip((self._shown, self._sound, self._error, self._energy), by_texel, strict=True):
             total += values @ inside
